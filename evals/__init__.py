@@ -1,1 +1,1 @@
-"""Experiments, one file each; what several share is in ``benchmark`` and ``synthesis``, which only a checkout has."""
+"""Experiments, a file each; shared code is in ``benchmark`` and ``synthesis``, which only a checkout has."""

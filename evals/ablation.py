@@ -1,4 +1,4 @@
-"""The paper's Table 2: what graphs without router, fixes or image lose, in rewards that the trusted oracle earns."""
+"""The paper's Table 2: rewards of the trusted oracle for graphs without router, fixes or image."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,13 +16,13 @@ GRAPHS = "grs,no_router,no_fix,llm_only"
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run every graph on every scene with the same seeds, and measure each program that came of it.
+    """Run every graph on every scene with the same seeds, and measure each resulting program.
 
     Returns:
         0 if every run ended, 1 if not.
 
     Raises:
-        InputError: a name tells of no scene or graph.
+        InputError: a name is no scene or graph.
     """
     experiment = _make_parser().start(arguments)
     options = experiment.options

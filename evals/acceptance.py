@@ -1,4 +1,5 @@
-"""What the audit accepts: cheats, which it should not, and the first plans of honest authors, which it should."""
+"""Verdicts of the audit on cheats, which it should reject, and on first plans of honest authors, which it should
+accept."""
 
 import argparse
 import json
@@ -33,13 +34,13 @@ State = dict[str, Any]
 
 
 class AuditedCase(Frozen):
-    """What the audit said of one task with its programs."""
+    """The audit of a task with its programs."""
 
     scene: str
     name: str  # the cheat's folder, or the seed of the plan
     honest: bool
     accepted: bool
-    failed: tuple[str, ...]  # checks, or what came before them
+    failed: tuple[str, ...]  # checks, or an earlier stage
     detail: str
     cpu_seconds: float  # of the audit, all processes together
     objects: int = 0  # of the first instance, bystanders among them
@@ -98,7 +99,7 @@ def _audit_in_folder(scene: str, name: str, given: State, folder: Path, config: 
 
 
 def _write_and_test(state: Any, write: bool, services: Services) -> tuple[str, str] | None:
-    """Have the programs written if asked to, and run the tests; the stage that failed and why, if one did."""
+    """Have the programs written if requested, and run the tests. Returns: failed stage and reason, if any."""
     runtime = Runtime(context=services)
     for author in (generate_task, generate_sim, generate_tests) if write else ():
         state |= author(state, runtime=runtime)
@@ -146,7 +147,7 @@ def _cpu_seconds_of_processes() -> float:
 
 
 def summarise_verdicts(rows: Sequence[AuditedCase]) -> State:
-    """How many were accepted, how many verdicts are wrong and by which checks, and what an audit costs."""
+    """Number of accepted cases, wrong verdicts by check, and cost of an audit."""
     wrong = [row for row in rows if row.accepted != row.honest]
     spent = sorted(row.cpu_seconds for row in rows if row.cpu_seconds) or [0.0]
     return {
@@ -182,7 +183,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _plan_audits(options: argparse.Namespace, config: Config) -> dict[str, Callable[[], AuditedCase]]:
-    """What audits each cheat, or each first plan, by its name."""
+    """The function that audits each cheat, or each first plan, by name."""
     if options.cheats:
         folders = sorted(path.parent for path in options.cheats.glob("*/task.json"))
         work = {folder.name: partial(audit_cheat, options.scenes[0], folder, config) for folder in folders}

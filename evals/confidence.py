@@ -1,4 +1,4 @@
-"""Whether confidence means something: how often what a match names is right, where the library lacks some of it."""
+"""Calibration of match confidence: the share of right matches, with objects that the library lacks."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -26,17 +26,17 @@ from grs_agents.toolkit import ToolContext
 
 
 class _Named(Frozen):
-    assets: tuple[NamedAsset, ...]  # of one scene
+    assets: tuple[NamedAsset, ...]  # of a scene
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Segment and match labelled scenes, and compare the confidence of each match with whether it is right.
+    """Segment and match labelled scenes, and compare the confidence of each match with its correctness.
 
     Returns:
         0 if every target is reached, 1 if not.
 
     Raises:
-        InputError: a folder holds no scene, or nobody says what a scene shows.
+        InputError: a folder holds no scene, or a scene without known assets.
     """
     parser = ExperimentParser("confidence", __doc__)
     parser.add_argument(
@@ -83,7 +83,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _scene_folders(place: Path) -> list[Path]:
-    """The folder of a scene itself, or those in it that hold one."""
+    """A scene's own folder, or the scene folders in it."""
     found = sorted({file.parent for pattern in ("camera.json", "*/camera.json") for file in place.glob(pattern)})
     if not found:
         raise InputError(f"{place} holds no scene", "name a folder of scene folders")

@@ -11,13 +11,13 @@ from grs_agents.runs.experiments import positive_int
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Match the scenes named, or synthesised ones, by each method, model and run.
+    """Match the named or synthesised scenes, by each method, model and run.
 
     Returns:
         0 if every scene could be matched, 1 if not.
 
     Raises:
-        InputError: a folder holds no labelled scene, or a method has no such name.
+        InputError: a folder holds no labelled scene, or a method is unknown.
     """
     parser = ExperimentParser("correspondence", __doc__)
     parser.add_argument(

@@ -1,4 +1,4 @@
-"""What the gymnasium environments cost: steps, resets and pictures, in CPU seconds."""
+"""Cost of the gymnasium environments: steps, resets and pictures, in CPU seconds."""
 
 import tempfile
 import time
@@ -34,7 +34,7 @@ class CansIntoBox(Task):
 
 
 def rate(work: Callable[[], object], count: int) -> float:
-    """Calls per CPU second, the best of three rounds: what else runs on the machine only ever slows."""
+    """Calls per CPU second, the best of three rounds: other load on the machine only slows them."""
     work()
     taken: list[float] = []
     for _ in range(3):
@@ -74,7 +74,7 @@ def measure_states(run: Path, count: int) -> list[Figure]:
 
 
 def measure_pictures(run: Path, count: int, renderer: str, target: float) -> list[Figure]:
-    """Pictures by a renderer, and steps with one each; none where ``auto`` finds nothing but rays."""
+    """Pictures by a renderer, and steps with a picture each; none if ``auto`` finds ray casting only."""
     arguments: dict[str, Any] = {"cameras": ("front",), "renderer": renderer}
     env = GrsEnv(run, **arguments)
     env.reset(seed=0)
@@ -88,7 +88,7 @@ def measure_pictures(run: Path, count: int, renderer: str, target: float) -> lis
 
 
 def write_instance(folder: Path) -> Path:
-    """A folder of one instance: eight cans and a box."""
+    """A folder with a single instance: eight cans and a box."""
     (folder / "instances").mkdir()
     text = instantiate(CansIntoBox(), 0, Library()).model_dump_json()
     (folder / "instances" / "seed_0.json").write_text(text, encoding="utf-8")

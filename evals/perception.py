@@ -10,7 +10,7 @@ from grs_agents.runs.experiments import positive_int
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Measure the scenes named, or synthesised ones.
+    """Measure the named or synthesised scenes.
 
     Returns:
         0 if every scene could be measured, 1 if not.

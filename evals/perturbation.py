@@ -1,4 +1,4 @@
-"""How often the expert still solves tasks when friction, masses or the hand are not what it takes them to be."""
+"""Success rate of the expert under unexpected friction, masses and hand noise."""
 
 import hashlib
 import random
@@ -21,13 +21,13 @@ from grs_agents.sim.world.spec import fill_in_masses_and_frictions
 _SOLVED: Final = 0.9
 """Reward and strict score from which on an episode counts, as `audit.reward` has it."""
 _TRIES: Final = 5
-"""Actions for each of a task's own: what a noisy hand does not get hold of is tried again."""
+"""Actions for each action of a task: a noisy hand repeats failed grasps."""
 _SHARE: Final = 0.3
 """By which friction and mass differ."""
 
 
 class _Condition(Frozen):
-    """What is not as it is taken to be."""
+    """A perturbation."""
 
     friction: float = 1.0  # factor
     mass: float = 1.0  # factor

@@ -56,7 +56,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _name(file: Path, folder: Path) -> str:
-    """The scene's place, and a hash of what it says: another description is checked anew."""
+    """The scene's path, and a hash of its description: a changed description is checked anew."""
     return f"{file.relative_to(folder).parent} {hashlib.sha256(file.read_bytes()).hexdigest()[:12]}"
 
 

@@ -1,4 +1,4 @@
-"""What the index of assets costs at the size of Objaverse, and how many of the nearest it finds: synthetic data."""
+"""Cost and recall of the asset index at the size of Objaverse, on synthetic data."""
 
 import tempfile
 from collections.abc import Sequence

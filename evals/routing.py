@@ -18,11 +18,11 @@ from grs_agents.base import Frozen, content
 from grs_agents.base.config.schema import Config
 from grs_agents.base.errors import InputError
 from grs_agents.base.trace.log import EventLog
-from grs_agents.graph.graph_segments import add_fix_loop, add_judging, empty_graph
 from grs_agents.graph.judging import run_tests
 from grs_agents.graph.policies.policy_registry import load_policy
 from grs_agents.graph.policies.types import Policy, RoutingContext, RoutingDecision
 from grs_agents.graph.services import Services
+from grs_agents.graph.topology import add_fix_loop, add_judging, empty_graph
 from grs_agents.runs.experiment_run import ExperimentParser
 from grs_agents.runs.experiments import positive_int
 from grs_agents.runs.sandbox_setup import open_sandbox
@@ -36,7 +36,7 @@ MOST_WRONG = 0.02
 
 
 class RoutedFault(Frozen):
-    """What became of one fault."""
+    """The outcome of a fault."""
 
     name: str
     kind: str
@@ -50,11 +50,11 @@ class RoutedFault(Frozen):
     fixes: int  # made until the run ended
     accepted: bool
     reason: str  # how the run ended
-    wrong: str  # why an accepted program is not right: what the tests of the right pair say; empty where it is
+    wrong: str  # failures of the right pair's tests on an accepted program; empty if it is right
 
     @property
     def mark(self) -> str:
-        """Whether it was routed rightly, in one word."""
+        """Whether it was routed rightly, in a word."""
         return "harmless" if not self.verdict else "right" if self.verdict == self.truth else "WRONG"
 
     def __str__(self) -> str:
@@ -65,7 +65,7 @@ class RoutedFault(Frozen):
 
 @dataclass
 class _BothOrders:
-    """A policy that notes its first decision, and what it would be with the options in reverse."""
+    """A policy that notes its first decision, and its decision with the options reversed."""
 
     policy: Policy
     first: RoutingDecision | None = None
@@ -162,9 +162,9 @@ if "Environment" in globals():
 
 
 def _find_what_is_wrong(fault: PlantedFault, end: dict[str, Any], services: Services) -> str:
-    """What the tests of the right pair find in an accepted program.
+    """Failures of the right pair's tests on an accepted program.
 
-    A class of another name and objects that are added in another order are none of it.
+    Another class name and another order of objects do not count.
     """
     imports = r"(?<=from task_code import )\w+"
     was, now = re.search(imports, fault.base_tests), re.search(imports, end["tests"])

@@ -1,4 +1,4 @@
-"""Many sandbox calls, failing ones among them: what they leave behind, and whether their results stay the same."""
+"""Many sandbox calls, failing calls among them: leaks, and reproducibility of their results."""
 
 import json
 import os
@@ -63,15 +63,15 @@ LIMITS = {"timeout": Limits(wall_seconds=0.3)}
 
 
 class Figures(Frozen):
-    """What a soak shows.
+    """The figures of a soak test.
 
     Attributes:
-        calls: how many were made.
-        outcomes: how they ended.
-        unexpected: calls that ended otherwise than they should, one line each.
-        kills: how often the forking process was killed by the soak itself, and a call was tried again for it.
-        rewards_differ: seeds whose result was not the same in every call.
-        descriptors, processes, scratch: what is there at the end and was not there at the beginning.
+        calls: their number.
+        outcomes: of the calls.
+        unexpected: calls with an unexpected outcome, a line each.
+        kills: number of kills of the forking process by the test itself, after each of which a call was repeated.
+        rewards_differ: seeds with different results among the calls.
+        descriptors, processes, scratch: present at the end and absent at the beginning.
         memory_mib: growth of this process from the first tenth to the end.
         seconds: wall time.
     """
@@ -175,7 +175,7 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--seed", type=int, default=0, help="which calls they are")
     experiment = parser.start(arguments)
     calls, seed = experiment.options.calls, experiment.options.seed
-    # one row: what is left behind shows in one process alone
+    # a single row: leaks show in a single process only
     (figures,) = experiment.make_or_reuse_rows(Figures, {"soak": lambda: soak(calls, seed, experiment.config)})
     rows = [{"what": name, "found": str(value)} for name, value in figures.model_dump().items()]
     title = "clean" if figures.clean else "not clean"

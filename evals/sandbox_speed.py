@@ -1,4 +1,4 @@
-"""What isolation costs beyond the same work in one process: CPU, beside a cold ``unittest``; start; memory."""
+"""Overhead of isolation against the same work in a single process: CPU, beside a cold ``unittest``; start; memory."""
 
 import resource
 import statistics
@@ -86,7 +86,7 @@ def inside(request):
     return {"pages": resource.getrusage(resource.RUSAGE_SELF).ru_minflt}
 """
 _EMPTY_CALLS = 60
-"""So many that the two starts, whose difference is noise, weigh little in what one call takes."""
+"""Enough calls to outweigh the noise of the two starts."""
 EMPTY = "def inside(request):\n    return {}\n"
 
 
@@ -105,10 +105,11 @@ def in_process(folder: Path) -> float:
 
 
 def per_call(call: Callable[[Sandbox], object], calls: int, tools: Sequence[str] = TOOLS) -> float:
-    """CPU time that one call takes in host, forking process and worker together, s.
+    """CPU time of a call in host, forking process and worker together, s.
 
-    Two sandboxes that make ``calls`` and twice as many calls differ by just that, and their start cancels out. The
-    backend is ``landlock``: bubblewrap does nothing in a call, and hides from the host what its processes have used.
+    Two sandboxes with ``calls`` and twice as many calls differ by just that, and their start cancels out. The
+    backend is ``landlock``: bubblewrap is idle during a call, and hides the CPU time of its processes from the
+    host.
     """
     taken: list[float] = []
     for count in (calls, 2 * calls):

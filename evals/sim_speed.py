@@ -1,4 +1,4 @@
-"""What the simulation costs, in CPU seconds and MiB, and how well the oracle does on the example programs."""
+"""Cost of the simulation, in CPU seconds and MiB, and success of the oracle on the example programs."""
 
 import random
 import statistics
@@ -35,7 +35,7 @@ GROCERIES = (
 
 
 class Packing(Task):
-    """Put groceries that stand in rows into one wide box."""
+    """Put groceries that stand in rows into a wide box."""
 
     def __init__(self, count: int) -> None:
         super().__init__()
@@ -137,9 +137,9 @@ def measure_scores(path: Path, library: Library, seeds: int) -> list[Figure]:
 
 
 def peak_memory() -> float:
-    """Peak memory of a fresh process that runs the packing task, MiB; 0 where there is no /proc.
+    """Peak memory of a fresh process that runs the packing task, MiB; 0 without /proc.
 
-    Not ``ru_maxrss``: a process inherits that of the one it was forked from.
+    ``ru_maxrss`` would include that of the parent process at the fork.
     """
     code = (
         "from grs_agents import content; from grs_agents.library import Library;"
@@ -153,7 +153,7 @@ def peak_memory() -> float:
 
 
 def timings(library: Library, repeats: int) -> dict[str, Callable[[], Sequence[Figure]]]:
-    """What is timed."""
+    """The timed functions."""
 
     def measure_resets() -> list[Figure]:
         fresh, moved, again = resets(library, repeats)

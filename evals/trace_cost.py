@@ -1,4 +1,4 @@
-"""What tracing costs: the size of the recording and its share of the CPU time, in a run with many fixes."""
+"""Cost of tracing: the size of the recording and its share of the CPU time, in a run with many fixes."""
 
 import importlib
 import re
@@ -33,11 +33,11 @@ LARGEST_MIB, LARGEST_SHARE = 15.0, 0.05
 
 
 class Cost(Frozen):
-    """What one run cost.
+    """The cost of a run.
 
     Attributes:
-        status: how it ended.
-        fixes, rollouts, events: what was recorded.
+        status: of its record.
+        fixes, rollouts, events: recorded numbers.
         mib: size of ``trace.rrd``.
         trace_seconds: CPU time of log and recording.
         run_seconds: CPU time of all the rest: Python's start, imports and the sandbox included, as in ``grs run``.
@@ -55,7 +55,7 @@ class Cost(Frozen):
 
     @property
     def share(self) -> float:
-        """What tracing adds to the run's CPU time."""
+        """Overhead of tracing over the run's CPU time."""
         return self.trace_seconds / self.run_seconds
 
     @property
@@ -65,7 +65,7 @@ class Cost(Frozen):
 
 
 class Clumsy(BaseChatModel):
-    """The offline model, whose simulation programs stop too early until it has been told ``faults`` times."""
+    """The offline model, whose simulation programs stop too early until ``faults`` errors were reported."""
 
     inner: BaseChatModel
     faults: int
@@ -94,7 +94,7 @@ class Clumsy(BaseChatModel):
 
 
 class ClumsyAgents(Agents):
-    """Agents of which those that write simulations share one clumsy model."""
+    """Agents whose simulation authors share a clumsy model."""
 
     faults = 10
     _clumsy: Clumsy | None = None
@@ -125,24 +125,24 @@ class TimedLog(EventLog):
 @contextmanager
 def _timed_rows() -> Generator[list[float]]:
     """The CPU time of each sending of rows, which threads of their own do."""
-    from grs_agents.views.rerun.recording import Rows
+    from grs_agents.views.rerun.recording import RowBatcher
 
     spent: list[float] = []
-    send = Rows.send_pending_rows
+    send = RowBatcher.send_pending_rows
 
-    def timed(rows: Rows) -> None:
+    def timed(rows: RowBatcher) -> None:
         begin = time.thread_time()
         try:
             send(rows)
         finally:
             spent.append(time.thread_time() - begin)
 
-    with mock.patch.object(Rows, "send_pending_rows", timed):
+    with mock.patch.object(RowBatcher, "send_pending_rows", timed):
         yield spent
 
 
 def _native_seconds() -> float:
-    """CPU time of rerun's own threads so far; 0 where the kernel does not tell."""
+    """CPU time of rerun's own threads so far; 0 if the kernel does not report it."""
     nanoseconds = 0
     for task in Path("/proc/self/task").glob("[0-9]*"):
         if (task / "comm").read_text().startswith(("ChunkBatcher", "RecordingStream", "file_writer", "tokio")):
@@ -151,7 +151,7 @@ def _native_seconds() -> float:
 
 
 def measure(scene: Path, folder: Path, fixes: int, config: Config) -> Cost:
-    """Run the graph ``grs`` on ``scene`` with ``fixes`` fixes and see what its trace costs."""
+    """Run the graph ``grs`` on ``scene`` with ``fixes`` fixes and measure the cost of its trace."""
     begin = cpu_seconds()
     for module in ("rerun", "rerun.blueprint"):
         importlib.import_module(module)

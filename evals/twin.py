@@ -1,4 +1,4 @@
-"""Whether twins look like their photos: a contact sheet of scenes for a person to mark, from 0 to 5 each."""
+"""Likeness of twins and photos: a contact sheet of scenes for a person to mark, from 0 to 5 each."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -21,7 +21,7 @@ _MARK = "mark 0-5: ____"
 
 
 class _Twin(Frozen):
-    error: str  # why a scene has no twin; empty where it has one
+    error: str  # reason of a missing twin; empty otherwise
 
 
 def main(arguments: Sequence[str]) -> int:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Run", "RunStream", "__version__", "arun", "build_langchain_tools", "check", "run", "stream"]
 _HOMES = {"__version__": "base.version", "build_langchain_tools": "toolkit"}
-"""The modules of exports that are not in `grs_agents.api`."""
+"""Modules of the exports outside `grs_agents.api`."""
 _RENAMED = {
     "batch": "runs.batch",
     "config": "base.config",
@@ -32,11 +32,11 @@ _RENAMED = {
     "trace": "base.trace",
     "varied_instances": "tasks.varied_instances",
 }
-"""Names that parts of users import, with the modules that they are now; kept for one release."""
+"""Former module names in user code, with the present modules; kept for one release."""
 
 
 def __getattr__(name: str) -> Any:
-    """Import an export when it is first used: ``import grs_agents`` stays free."""
+    """Import an export on first use, to keep ``import grs_agents`` cheap."""
     if name in __all__:
         return getattr(import_module(f"grs_agents.{_HOMES.get(name, 'api')}"), name)
     if name in _RENAMED:
@@ -45,7 +45,7 @@ def __getattr__(name: str) -> Any:
 
 
 class _RenamedModules(MetaPathFinder, Loader):
-    """Imports a module under its earlier name: both names give one and the same module."""
+    """Imports a module under its former name; both names are the same module."""
 
     def find_spec(self, fullname: str, path: object = None, target: object = None) -> ModuleSpec | None:
         package, _, rest = fullname.partition(".")

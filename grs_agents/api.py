@@ -1,7 +1,7 @@
 """GRS from Python: run a graph on a scene, follow its events, check a program, read a run.
 
 Settings are those of ``docs/configuration.md``, nested as there: ``run("groceries", seed=7, models={"default":
-"openai:NAME"})``. Nothing is printed unless ``progress`` or ``view`` asks for it.
+"openai:NAME"})``. Nothing is printed without ``progress`` or ``view``.
 """
 
 import asyncio
@@ -17,7 +17,7 @@ from grs_agents.agents.types import TaskDefinition
 from grs_agents.base.config.load import load_config
 from grs_agents.base.foreign.files import read_json, read_text
 from grs_agents.base.trace.events import Event
-from grs_agents.base.trace.log import EventLog, Subscriber, read_events
+from grs_agents.base.trace.log import EventLog, read_events
 from grs_agents.perception.reading.scene_source import resolve_scene_path
 from grs_agents.perception.types import SceneDescription, read_scene_description
 from grs_agents.runs.execution import Views, execute_run
@@ -25,7 +25,7 @@ from grs_agents.runs.graph_loading import load_graph
 from grs_agents.runs.hashes import add_hash
 from grs_agents.runs.program_check import CheckResult, check_user_program, open_check_order
 from grs_agents.runs.record import RunRecord, read_record
-from grs_agents.runs.run_opening import Order
+from grs_agents.runs.run_opening import RunOrder
 from grs_agents.sim.instance.task_instance import TaskInstance
 from grs_agents.tasks.task_folder import open_task_folder
 from grs_agents.views.live_views import attach_live_views
@@ -34,7 +34,8 @@ _REMEDY = "name a folder that `grs run` wrote"
 
 
 class Run:
-    """A run's folder: verdict, scene, task, programs and instances. What a run did not reach raises InputError."""
+    """A run's folder: verdict, scene, task, programs and instances. Access to a stage that was not reached raises
+    InputError."""
 
     def __init__(self, folder: Path | str) -> None:
         """Open a run's folder. Raises InputError: it holds no run, or one that is damaged."""
@@ -56,12 +57,12 @@ class Run:
 
     @property
     def events(self) -> list[Event]:
-        """What happened, in order; the types are in `grs_agents.base.trace`."""
+        """The events in order; their types are in `grs_agents.base.trace`."""
         return read_events(self.folder / "events.jsonl")
 
     @property
     def scene(self) -> SceneDescription:
-        """The objects of the photo, metres in the robot frame."""
+        """The objects of the photo, in metres in the robot frame."""
         return read_scene_description(self.folder / "scene.json")
 
     @property
@@ -86,7 +87,7 @@ class Run:
         return {seed: task.read_instance(seed) for seed in task.seeds}
 
     def film(self, path: Path | str, seed: int | None = None) -> Path:
-        """Film the oracle at the task of ``seed``, or the first, as .webp, .mp4 or .gif; returns the path."""
+        """Film the rollout of ``seed``, by default the lowest, as .webp, .mp4 or .gif. Returns: the path."""
         from grs_agents.views.film.rollout_film import make_rollout_shot, write_film
 
         write_film(make_rollout_shot(self.folder, seed), Path(path))
@@ -101,20 +102,20 @@ class Run:
         progress: bool = False,
         **settings: Any,
     ) -> "Run":
-        """Go on with a run that was interrupted, or that waits for a person's reply.
+        """Resume a run that was interrupted, or that waits for a person's reply.
 
         Args:
-            reply: to the question that the run waits for.
+            reply: to the question of a waiting run.
             config: a TOML file.
             progress: show each step on standard error.
-            **settings: of this machine, as for `run`: models, endpoints, files, limits. The run's folder cannot choose
+            **settings: of this machine, as for `run`: models, endpoints, files, limits. A run's folder cannot choose
                 them; seed, graph, tools, prompts and bounds of the scene stay those of the run.
 
         Raises:
-            ConfigError: a setting of the run is to be stated again, or a stated one is not to be changed.
+            ConfigError: a setting of the run must be repeated, or must not change.
         """
         local = load_config(None if config is None else Path(config), overrides=settings)
-        order = Order(self.record.command, Path(self.record.source), local, self.folder, resume=True, reply=reply)
+        order = RunOrder(self.record.command, Path(self.record.source), local, self.folder, resume=True, reply=reply)
         return _execute_run_or_raise(order, partial(attach_live_views, progress=progress))
 
 
@@ -128,24 +129,24 @@ def run(
     view: bool = False,
     **settings: Any,
 ) -> Run:
-    """Make a validated task of a photo with depth, as ``grs run`` does.
+    """Make a validated task from a photo with depth, as ``grs run`` does.
 
     Args:
-        scene: a folder, file or ``bop:`` image as in docs/input.md, or the name of a shipped scene.
-        out: the run folder, new or empty; ``runs/<time>-<scene>-<seed>`` without one.
+        scene: a folder, file or ``bop:`` image as in docs/scenes.md, or the name of a shipped scene.
+        out: the run folder, new or empty; by default ``runs/<time>-<scene>-<seed>``.
         config: a TOML file.
         progress: show each step on standard error.
         view: open the rerun viewer.
-        **settings: of the configuration; they win over the file and the environment. ``graph="scene"`` comprehends the
+        **settings: of the configuration; they override the file and the environment. ``graph="scene"`` comprehends the
             photo alone, as ``grs scene`` does.
 
     Returns:
-        The run, accepted or not; ``waiting`` if it asks a person (`Run.resume` goes on).
+        The run, accepted or not; ``waiting`` if it asks a person (`Run.resume` continues it).
 
     Raises:
         ConfigError, InputError: scene, folder or settings are refused.
-        GrsError: the run failed; its folder holds what was reached.
-        KeyboardInterrupt: it was interrupted; `Run.resume` goes on.
+        GrsError: the run failed; its folder holds the stages reached.
+        KeyboardInterrupt: it was interrupted; `Run.resume` continues it.
     """
     return _execute_run_or_raise(
         _build_order_from_config(scene, out, config, settings), partial(attach_live_views, view=view, progress=progress)
@@ -155,12 +156,12 @@ def run(
 async def arun(
     scene: Path | str, /, *, out: Path | str | None = None, config: Path | str | None = None, **settings: Any
 ) -> Run:
-    """`run` in a thread of its own; when it is cancelled, the run is interrupted before its next event."""
-    going = stream(scene, out=out, config=config, **settings)
+    """`run` in a thread; cancelling it interrupts the run before its next event."""
+    started = stream(scene, out=out, config=config, **settings)
     try:
-        return await asyncio.to_thread(going.wait)
+        return await asyncio.to_thread(started.wait)
     except asyncio.CancelledError:
-        await asyncio.to_thread(going.stop)
+        await asyncio.to_thread(started.stop)
         raise
 
 
@@ -181,29 +182,30 @@ def check(
     config: Path | str | None = None,
     **settings: Any,
 ) -> CheckResult:
-    """Check a simulation program, in the sandbox, as a run checks its own: its tests, then the audit.
+    """Check a simulation program in the sandbox, as a run checks its own: its tests, then the audit.
 
     Args:
         program: a Python file, or the folder of a run.
         tests: pytest file of the program.
-        task: a ``task.json``; without one the words are not judged.
-        photo: what the program must keep to: a photo, its ``scene.json``, or the folder of a run of it.
+        task: a ``task.json``; without it the wording is not judged.
+        photo: the reference of the program: a photo, its ``scene.json``, or the folder of a run of it.
         config: a TOML file.
         **settings: of the configuration.
 
     Raises:
         ConfigError, InputError: a file or setting is refused.
     """
-    own, words, seen = (None if file is None else Path(file) for file in (tests, task, photo))
+    tests, task, photo = (None if file is None else Path(file) for file in (tests, task, photo))
     chosen = load_config(None if config is None else Path(config), overrides=settings)
-    with open_check_order(Path(program), own, words, seen, chosen, partial(attach_live_views, progress=False)) as order:
+    views = partial(attach_live_views, progress=False)
+    with open_check_order(Path(program), tests, task, photo, chosen, views) as order:
         return check_user_program(order)
 
 
 class RunStream(Iterator[Event]):
-    """The events of a run as they come; the run goes on in a thread of its own. Break off with `stop`."""
+    """Iterator over the events of a run, which goes on in a thread. End it early with `stop`."""
 
-    def __init__(self, order: Order) -> None:
+    def __init__(self, order: RunOrder) -> None:
         self._events: SimpleQueue[Event | None] = SimpleQueue()
         self._stopped = False
         self._run: Run | None = None
@@ -220,7 +222,7 @@ class RunStream(Iterator[Event]):
         raise StopIteration
 
     def wait(self) -> Run:
-        """The run once it has ended. Raises what ended it, as `run` does."""
+        """Wait for the end of the run. Raises its error, as `run` does."""
         self._thread.join()
         if self._error is not None:
             raise self._error
@@ -228,40 +230,39 @@ class RunStream(Iterator[Event]):
         return self._run
 
     def stop(self) -> None:
-        """Interrupt the run before its next event, and wait until it has ended; one that has ended stays as it is."""
+        """Interrupt the run before its next event and wait for its end; an ended run is unchanged."""
         self._stopped = True
         self._thread.join()
 
-    def _run_in_thread(self, order: Order) -> None:
+    def _run_in_thread(self, order: RunOrder) -> None:
         try:
-            self._run = _execute_run_or_raise(order, partial(_attach_subscriber, subscriber=self._queue_event_or_stop))
-        except (Exception, KeyboardInterrupt) as error:  # for the thread that waits
+            self._run = _execute_run_or_raise(order, self._attach_queue)
+        except (Exception, KeyboardInterrupt) as error:  # re-raised in `wait`
             self._error = error
         finally:
             self._events.put(None)
 
-    def _queue_event_or_stop(self, event: Event) -> None:
-        self._events.put(event)
-        if self._stopped and event.kind != "run_ended":
-            raise KeyboardInterrupt
+    @contextmanager
+    def _attach_queue(self, folder: Path, log: EventLog) -> Generator[None]:
+        def queue_event_or_stop(event: Event) -> None:
+            self._events.put(event)
+            if self._stopped and event.kind != "run_ended":
+                raise KeyboardInterrupt
 
-
-@contextmanager
-def _attach_subscriber(folder: Path, log: EventLog, subscriber: Subscriber) -> Generator[None]:
-    with attach_live_views(folder, log, progress=False):
-        log.subscribe(subscriber)
-        yield
+        with attach_live_views(folder, log, progress=False):
+            log.subscribe(queue_event_or_stop)
+            yield
 
 
 def _build_order_from_config(
     scene: Path | str, out: Path | str | None, config: Path | str | None, settings: dict[str, Any]
-) -> Order:
+) -> RunOrder:
     chosen = load_config(None if config is None else Path(config), overrides=settings)
     command = "run" if getattr(load_graph(chosen.config.graph), "VERDICT", True) else "scene"
-    return Order(command, resolve_scene_path(Path(scene)), chosen, None if out is None else Path(out))
+    return RunOrder(command, resolve_scene_path(Path(scene)), chosen, None if out is None else Path(out))
 
 
-def _execute_run_or_raise(order: Order, views: Views) -> Run:
+def _execute_run_or_raise(order: RunOrder, views: Views) -> Run:
     ended = execute_run(order, views)
     if ended.problem is not None:
         raise ended.problem

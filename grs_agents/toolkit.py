@@ -1,11 +1,11 @@
-"""What a tool file is given and what it must offer; each tool is also a LangChain ``StructuredTool``."""
+"""Interface of tool files, and their adapter to LangChain's ``StructuredTool``."""
 
 from __future__ import annotations
 
 import ast
 import inspect
 import textwrap
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -26,56 +26,50 @@ if TYPE_CHECKING:
 class ToolRequest(Frozen):
     """A request that any agent framework can send as JSON.
 
-    The docstring under a field is what a model reads of it: say the unit and the frame. It is looked up when a schema
-    is asked for: pydantic's `use_attribute_docstrings` searches all loaded modules whenever such a class is made.
+    A model reads the docstring under a field: state unit and frame. Docstrings are looked up when a schema is
+    requested, since pydantic's `use_attribute_docstrings` searches all loaded modules for each class.
     """
 
     @classmethod
     def describe_fields(cls) -> None:
-        """Give each field the docstring under it as its description."""
+        """Set each field's description to the docstring under it."""
         for kind in cls.__mro__:
             if issubclass(kind, ToolRequest) and kind is not ToolRequest:
-                for name, text in _docstrings_of_fields(kind):
-                    cls.model_fields[name].description = text
+                (definition,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
+                for field, text in pairwise(cast(ast.ClassDef, definition).body):
+                    match field, text:
+                        case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str() as doc)):
+                            cls.model_fields[name].description = inspect.cleandoc(doc)
+                        case _:
+                            pass
         cls.model_rebuild(force=True)
 
     @classmethod
     def model_json_schema(cls, *arguments: Any, **options: Any) -> dict[str, Any]:
-        """As pydantic's, with the descriptions."""
+        """As pydantic's, with descriptions."""
         cls.describe_fields()
         return super().model_json_schema(*arguments, **options)
 
 
-def _docstrings_of_fields(kind: type) -> Iterator[tuple[str, str]]:
-    """The names of a class's own fields that have a docstring, with it."""
-    (described,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
-    for field, text in pairwise(cast(ast.ClassDef, described).body):
-        match field, text:
-            case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str() as words)):
-                yield name, inspect.cleandoc(words)
-            case _:
-                pass
-
-
 @dataclass(frozen=True)
 class ToolContext:
-    """The host-side services a tool may use."""
+    """Host-side services of a tool."""
 
     sandbox: Sandbox
-    library: Library  # the 3D assets, with the run's own proxies laid over
-    limits: Limits  # what one sandbox call may cost
-    say: Callable[[str], object] = str  # tell the person who waits, in one line; nobody hears it outside a run
+    library: Library  # the 3D assets, overlaid with the proxies of the run
+    limits: Limits  # of a sandbox call
+    say: Callable[[str], object] = str  # shows a line of text to the user; no effect outside a run
 
 
 class Tool(Protocol):
-    """A module in ``tools/``: a typed request in, a typed result out."""
+    """A module in ``tools/`` with a typed request and a typed result."""
 
     __doc__: str | None
     Request: Any
     Result: Any
 
     def run(self, request: Any, context: ToolContext) -> Any:
-        """Do the work; failures of generated code are values in the result."""
+        """Execute a request; failures of generated code are values in the result."""
         ...
 
 
@@ -83,8 +77,8 @@ def load_tool(name: str) -> Tool:
     """The tool file ``name``.
 
     Raises:
-        UnknownNameError: nothing has that name.
-        InputError: the file offers no ``Request``, ``Result`` and ``run``.
+        UnknownNameError: no tool has this name.
+        InputError: the file lacks ``Request``, ``Result`` or ``run``.
     """
     module = content.load_module("tools", name)
     missing = [part for part in ("Request", "Result", "run") if not hasattr(module, part)]
@@ -94,19 +88,19 @@ def load_tool(name: str) -> Tool:
 
 
 def json_tool_names() -> list[str]:
-    """The tools whose requests are plain JSON, which any agent framework can therefore call."""
+    """Tools whose requests are plain JSON, callable by any agent framework."""
     return [name for name in content.content_names("tools") if _has_json_request(load_tool(name))]
 
 
 def build_langchain_tools(context: ToolContext, names: Sequence[str] | None = None) -> list[StructuredTool]:
-    """The tools as LangChain ``StructuredTool``s: the tool's request is the schema, its result comes back as JSON.
+    """Tools as LangChain ``StructuredTool``s: the request is the schema, the result is JSON.
 
     Args:
-        context: the services they run with.
-        names: which tools; every tool of `json_tool_names` otherwise.
+        context: their services.
+        names: of the tools; by default all of `json_tool_names`.
 
     Raises:
-        UnknownNameError: a name that no tool has.
+        UnknownNameError: no tool has this name.
         InputError: a tool whose request is not plain JSON.
     """
     from langchain_core.tools import StructuredTool
@@ -130,12 +124,12 @@ def build_langchain_tools(context: ToolContext, names: Sequence[str] | None = No
 
 
 def open_library(roots: Sequence[str]) -> Library:
-    """The library of the folders ``roots``; the shipped one if there are none."""
+    """The library of the folders ``roots``, by default the shipped library."""
     return Library(*(Path(root) for root in roots))
 
 
 def list_folders_to_read(library_roots: Sequence[str], robot: str) -> tuple[Path, ...]:
-    """The folders that a simulation with these assets and this arm reads, beside the shipped ones."""
+    """Folders besides the shipped folders that a simulation with these assets and this arm reads."""
     arm = (Path(robot).parent,) if Path(robot).suffix else ()
     return (*(Path(root) for root in library_roots), *arm)
 

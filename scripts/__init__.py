@@ -1,1 +1,1 @@
-"""What developers run in a checkout."""
+"""Developer scripts for a checkout."""

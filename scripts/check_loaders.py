@@ -20,7 +20,7 @@ import numpy as np
 
 CAMERAS = ("front", "wrist")
 NUMBERS, FILM, JPEG = 1e-6, 6.0, 8.0
-"""How far a number may be from what was observed, and a picture's levels (of 255) on average."""
+"""Largest error of a number, and of a picture's levels (of 255) on average."""
 Frame = dict[str, Any]
 
 
@@ -138,11 +138,11 @@ READERS: dict[str, tuple[Callable[[Path], Callable[[int, int], Frame]], float]] 
     "robomimic": (read_robomimic, 0.0),
     "minari": (read_minari, JPEG),
 }
-"""Of each loader: what reads with it, and how far its pictures may be off."""
+"""Reader of each loader, and the tolerance of its pictures."""
 
 
 def check(loader: str, folder: Path) -> bool:
-    """Whether the loader gives what was observed; prints how far it is off."""
+    """Whether the loader reproduces the observations; prints the deviation."""
     reader, lossy = READERS[loader]
     read, expected = reader(folder), np.load(folder / "expected.npz")
     worst: dict[str, float] = {}

@@ -1,7 +1,7 @@
-"""Export an example portably, move it, and use it in MuJoCo 3.3 and dm_control, in a venv that is made for it.
+"""Export an example portably, move it, and use it in MuJoCo 3.3 and dm_control, in a temporary venv.
 
-Usage: ``python scripts/check_portable.py``. The packages come from the index. The same commands must bring the arm
-where MuJoCo 4 brings it, leave the objects where they stand, and lift one off the table with the cup.
+Usage: ``python scripts/check_portable.py``. The packages come from the index. The same commands must move the arm
+as in MuJoCo 4, leave the objects at rest, and lift an object off the table with the cup.
 """
 
 import importlib
@@ -19,7 +19,7 @@ import numpy.typing as npt
 Floats = npt.NDArray[np.float64]
 PACKAGES: Final = ("mujoco==3.3.7", "dm_control==1.0.34")
 _ARM, _CREEP, _LIFTED = 1e-4, 2e-3, 0.08
-"""The most that joints of the arm (rad) and objects (m) may be off, and the least that the lifted one rises (m)."""
+"""Largest deviation of the arm's joints (rad) and of objects (m), and the least rise of the lifted object (m)."""
 LENS: Final = {"width": 320, "height": 240, "fx": 300.0, "fy": 330.0, "cx": 120.0, "cy": 140.0}
 _FLAT: Final = (0.0, 0.0, 0.0, 1.0)
 _LIFT: Final = 1
@@ -27,7 +27,7 @@ _LIFT: Final = 1
 
 
 def write_example(folder: Path, **changes: Any) -> Path:
-    """A folder with one task instance: meshes with textures, boxes, a bowl, a filled template, a tie, goals of each
+    """A folder with a task instance: meshes with textures, boxes, a bowl, a filled template, a tie, goals of each
     metric, the photo's camera. ``changes`` replace values of the instance."""
 
     def thing(number: int, asset: str, x: float, y: float, z: float, **more: Any) -> dict[str, Any]:
@@ -113,7 +113,7 @@ def follow(model: Any, data: Any, commands: Floats) -> Floats:
 
 
 def try_out(scene: str, plan: str) -> None:
-    """Use the scene in the MuJoCo and the dm_control of this process; an ``AssertionError`` where something is off."""
+    """Use the scene in the MuJoCo and the dm_control of this process. Raises AssertionError: a deviation."""
     mujoco, controls, trees = map(importlib.import_module, ("mujoco", "dm_control.mujoco", "dm_control.mjcf"))
     with np.load(plan) as file:
         commands, expected = file["commands"], file["positions"]
@@ -140,7 +140,7 @@ def try_out(scene: str, plan: str) -> None:
 
 
 def main() -> None:
-    """Make the example, its plan and the venv, and try the one in the other."""
+    """Make the example, its plan and the venv, and try the example in the venv."""
     from grs_agents.tasks.export.mjcf_folder import export_mjcf
     from grs_agents.tasks.task_folder import open_task_folder
 

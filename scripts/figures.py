@@ -27,7 +27,7 @@ _PART = re.compile(r"<!-- (?P<name>\w+): begin -->\n.*?<!-- (?P=name): end -->",
 
 
 def keep(name: str, file: Path) -> None:
-    """Copy what the page needs of a result into ``evals/results``."""
+    """Copy the parts of a result that the page needs into ``evals/results``."""
     found = json.loads(file.read_text(encoding="utf-8"))
     if "experiment" in found:
         command = _tell_command(("eval", found["experiment"]), found["arguments"])
@@ -46,7 +46,7 @@ def keep(name: str, file: Path) -> None:
 
 
 def _tell_command(words: Sequence[str], arguments: Sequence[str]) -> str:
-    """A command without options that change no figure; files by their names alone, and scenes of one folder by it."""
+    """A command line without options that change no figure; files by name only, and scenes of a common folder by it."""
     told: list[str] = []
     skip = 0
     for word in arguments:
@@ -58,7 +58,7 @@ def _tell_command(words: Sequence[str], arguments: Sequence[str]) -> str:
 
 
 def _shorten(word: str, arguments: int) -> str:
-    """A path by its last name; where there are many, by that of the folder that they are in."""
+    """A path by its last name; many paths by that of their folder."""
     path = Path(word)
     return word if not path.is_absolute() else path.parent.name if arguments > _FEW else path.name
 

@@ -1,8 +1,8 @@
-"""Write the lock files: every package that a resolve of pyproject.toml picks, one ``name==version`` a line.
+"""Write the lock files: every package of a resolve of pyproject.toml, a ``name==version`` per line.
 
-Usage: ``python scripts/lock.py``. Asks the index for what pyproject.toml allows now and rewrites
+Usage: ``python scripts/lock.py``. Resolves the present ranges of pyproject.toml with the index and rewrites
 ``requirements.lock`` (the package and its development tools) and ``requirements-docs.lock``.
-Without hashes, so that one file serves every platform and Python the ranges allow.
+Without hashes, so that the same file serves every platform and Python within the ranges.
 """
 
 import json
@@ -36,7 +36,7 @@ def resolve(wanted: list[str]) -> list[tuple[str, str]]:
 
 
 def write(file: str, pairs: list[tuple[str, str]]) -> None:
-    """Write one lock file."""
+    """Write a lock file."""
     lines = [f"{name}=={version}" for name, version in pairs]
     (ROOT / file).write_text(HEADER + "\n".join(lines) + "\n", encoding="utf-8")
     print(f"{file}: {len(lines)} packages")

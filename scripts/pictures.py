@@ -1,8 +1,8 @@
-"""Make the pictures of the documentation anew: `.venv/bin/python scripts/pictures.py`; needs a Vulkan driver.
+"""Renew the pictures of the documentation: `.venv/bin/python scripts/pictures.py`; needs a Vulkan driver.
 
-Two runs on the sample scene are made and photographed in rerun's viewer; of the first there is a film, too, as
-`grs report RUN --out film.webp` makes it. A digest of what they
-depend on is kept beside them; `tests/test_docs.py` compares it, without a viewer, and says when they must be renewed.
+Two runs on the sample scene are made and photographed in rerun's viewer; the first is also filmed, as by `grs
+report RUN --out film.webp`. A digest of their inputs is stored beside them; `tests/test_docs.py` compares it,
+without a viewer, and reports outdated pictures.
 """
 
 import hashlib
@@ -35,12 +35,12 @@ PATIENCE = 90.0
 
 @dataclass(frozen=True)
 class Picture:
-    """One picture of a run.
+    """A picture of a run.
 
     Attributes:
         name: of the file.
         tab: of the viewer, by its heading.
-        event: stand at this one of all events of its kind, or at the end of the run.
+        event: index among all events of its kind, or the end of the run.
         later: seconds of the film after it.
     """
 
@@ -55,7 +55,7 @@ FIXED = (Picture("fixes", "3 Tests and fixes", ("decision", -1)),)
 
 
 def digest() -> str:
-    """The SHA-256 of what the pictures show: the layout of the views, the state machine, the sample scene, rerun."""
+    """The SHA-256 of the pictured things: the layout of the views, the state machine, the sample scene, rerun."""
     from grs_agents.base import content
     from grs_agents.views.rerun.state_machine_view import node_positions
     from grs_agents.views.rerun.viewer_layout import build_run_blueprint
@@ -159,7 +159,7 @@ def _still(viewer: Any) -> bytes:
 
 
 def moments_of(folder: Path) -> dict[str, list[float]]:
-    """Where on the timeline ``replay`` each event of a run is, by kind, s."""
+    """Time of each event of a run on the timeline ``replay``, by kind, s."""
     from grs_agents.base.trace.events import Rollout
     from grs_agents.base.trace.log import read_events
     from grs_agents.views.rerun.recording import Clock
@@ -174,18 +174,18 @@ def moments_of(folder: Path) -> dict[str, list[float]]:
 
 
 def main() -> int:
-    """Make two runs and their pictures, and note what they show."""
+    """Make two runs and their pictures, and store the digest."""
     from grs_agents.base import content
     from grs_agents.base.config.load import load_config
     from grs_agents.runs.execution import execute_run
-    from grs_agents.runs.run_opening import Order
+    from grs_agents.runs.run_opening import RunOrder
     from grs_agents.views.film.rollout_film import make_rollout_shot, write_film
     from grs_agents.views.live_views import attach_live_views
 
     scene, config = content.sample_scenes()["groceries"], load_config()
     with tempfile.TemporaryDirectory() as temporary:
         accepted, fixed = Path(temporary) / "groceries", Path(temporary) / "fixed"
-        if status := execute_run(Order("run", scene, config, accepted), attach_live_views).record.exit_status:
+        if status := execute_run(RunOrder("run", scene, config, accepted), attach_live_views).record.exit_status:
             return status
         shoot(accepted, ACCEPTED)
         frames = write_film(make_rollout_shot(accepted), FILM)

@@ -1,8 +1,8 @@
 """Build the sdist, from it the wheel, install that into an empty venv and run the main job from an empty folder.
 
-Usage: ``python scripts/smoke.py``. Beside the wheel the venv holds what the wheel requires and what that requires in
-turn, linked from the calling venv, which has it from the index at the versions of requirements.lock. Nothing else of
-the source tree or of the calling venv is visible to the installed package.
+Usage: ``python scripts/smoke.py``. Besides the wheel the venv holds its requirements, linked from the calling
+venv, which has them from the index at the versions of requirements.lock. Nothing else of the source tree or of
+the calling venv is visible to the installed package.
 """
 
 import json
@@ -42,17 +42,17 @@ def call(*command: str | Path, folder: Path) -> str:
 
 
 def build(out: Path) -> Path:
-    """The wheel; it is built from the unpacked sdist, so both hold what is needed."""
+    """The wheel, built from the unpacked sdist, which thereby proves complete."""
     call(sys.executable, "-m", "build", "--no-isolation", "--outdir", out, ROOT, folder=ROOT)
     assert next(out.glob("*.tar.gz"))
     return next(out.glob("*.whl"))
 
 
 def find_dependencies(wheel: Path) -> list[Distribution]:
-    """What the wheel requires and what that requires in turn, as the calling venv has it.
+    """The transitive requirements of the wheel, as installed in the calling venv.
 
     Raises:
-        PackageNotFoundError: the calling venv lacks one.
+        PackageNotFoundError: the calling venv lacks a requirement.
     """
     (info,) = (part for part in zipfile.Path(wheel).iterdir() if part.name.endswith(".dist-info"))
     waiting: list[tuple[Distribution, tuple[str, ...]]] = [(PathDistribution(info), ())]
@@ -95,7 +95,7 @@ def link_or_copy(source: Path, target: Path) -> None:
 
 
 def try_out(python: Path, folder: Path) -> None:
-    """Run the installed ``grs`` on the bundled scene and look at what it wrote."""
+    """Run the installed ``grs`` on the bundled scene and check its output."""
     folder.mkdir()
     grs = python.with_name("grs")
     scene = Path(call(python, "-I", "-c", PROBE, folder=folder).strip())

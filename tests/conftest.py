@@ -106,7 +106,7 @@ def known_scene(shared_folder: Path, small_scene: Path) -> Path:
 @pytest.fixture
 def brief_films(monkeypatch: pytest.MonkeyPatch) -> None:
     """The film in a report has few pictures, drawn without a graphics library: for what is not about films."""
-    monkeypatch.setattr("grs_agents.views.film.rollout_film._rendering_backends", lambda: ("rays",))
+    monkeypatch.setattr("grs_agents.views.film.rollout_film._BACKENDS", ("rays",))
     monkeypatch.setattr("grs_agents.views.report.pictures.FILM_RATE", 0.2)
 
 
@@ -141,7 +141,7 @@ def _no_open_recording() -> Iterator[None]:
     """Each test closes its recordings: rerun may block those that come after it."""
     yield
     if (module := sys.modules.get("grs_agents.views.rerun.recording")) is not None:
-        assert not module.Recording._open
+        assert not module.RerunRecording._open
 
 
 @pytest.fixture(autouse=True)

@@ -18,7 +18,7 @@ class Request:
     Attributes:
         rgb: (H, W, 3) uint8.
         focal: its focal length in pixels, if known.
-        photo: what to call it.
+        photo: its name in errors.
         model: ``depth.model`` of the configuration.
     """
 
@@ -32,7 +32,7 @@ def run(request: Request, context: ToolContext) -> NoReturn:
     """Refuse.
 
     Raises:
-        InputError: always: this is only asked for a photo that has no depth.
+        InputError: always: the tool is only called for a photo without depth.
     """
     raise InputError(
         f"{request.photo} has no depth",

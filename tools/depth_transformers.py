@@ -1,4 +1,4 @@
-"""Estimate the depth of a photo by a metric depth model of your own, through transformers. Nothing is downloaded."""
+"""Estimate the depth of a photo by your own metric depth model, through transformers. Nothing is downloaded."""
 
 import importlib
 import math
@@ -15,7 +15,7 @@ from grs_agents.perception.types import Image
 from grs_agents.toolkit import ToolContext
 
 METRIC = ("depth_pro", "glpn", "zoedepth")
-"""Kinds of model that answer in metres; Depth Anything does where ``depth_estimation_type`` says so."""
+"""Model types with metric depth; Depth Anything is metric if its ``depth_estimation_type`` says so."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Request:
     Attributes:
         rgb: (H, W, 3) uint8.
         focal: its focal length in pixels, if known.
-        photo: what to call it.
+        photo: its name in errors.
         model: the folder of the model: ``config.json``, ``preprocessor_config.json`` and ``*.safetensors``.
     """
 
@@ -37,7 +37,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Result:
-    """What the model sees.
+    """The model's estimate.
 
     Attributes:
         depth: (H, W) float32 metres along the optical axis.
@@ -49,7 +49,7 @@ class Result:
 
 
 def run(request: Request, context: ToolContext) -> Result:
-    """Load the model and ask it.
+    """Load and run the model.
 
     Raises:
         ConfigError: ``depth.model`` names no folder with a metric depth model, or transformers is not installed.
@@ -81,7 +81,7 @@ def _predict_metric_depth(request: Request, folder: Path, torch: Any, transforme
 
 
 def _load_metric_model_folder(name: str | None) -> Path:
-    """The folder of a model that answers in metres."""
+    """The folder of a metric model."""
     folder, config = load_model_config("depth.model", name, "depth_transformers")
     kind = config["model_type"]
     if kind not in METRIC and config.get("depth_estimation_type") != "metric":

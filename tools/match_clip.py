@@ -8,7 +8,7 @@ Request, Result = MatchRequest, MatchResult
 
 
 def run(request: MatchRequest, context: ToolContext) -> MatchResult:
-    """The most similar asset for each candidate; what is like none of them is no object.
+    """The most similar asset for each candidate; a candidate unlike all of them is no object.
 
     Raises:
         ConfigError: the model cannot be used.

@@ -1,4 +1,4 @@
-"""Match candidates by measured size, by how an asset lies in the points, and by its colours; no model is asked."""
+"""Match candidates by measured size, by alignment of assets with the points, and by colours; no model is asked."""
 
 from grs_agents.perception.matching.feature_matcher import match_by_features
 from grs_agents.perception.matching.types import MatchRequest, MatchResult

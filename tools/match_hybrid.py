@@ -8,7 +8,7 @@ Request, Result = MatchRequest, MatchResult
 
 
 def run(request: MatchRequest, context: ToolContext) -> MatchResult:
-    """What the model says of each candidate, with the likelihoods of what it was shown.
+    """The answer of the model for each candidate, with the likelihoods of the assets in the prompt.
 
     Raises:
         InputError: the files of an asset are faulty.

@@ -8,5 +8,5 @@ Request, Result = MatchRequest, MatchResult
 
 
 def run(request: MatchRequest, context: ToolContext) -> MatchResult:
-    """What the model says of each candidate; the assets are shown in an order drawn with the seed."""
+    """The answer of the model for each candidate; the seed shuffles the assets in the prompt."""
     return match_by_model(request, context.library, "match_image", worded=False, pictured=True)

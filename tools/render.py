@@ -16,8 +16,8 @@ from grs_agents.sandbox.protocol.report import CallResult
 from grs_agents.toolkit import ToolContext, ToolRequest, list_folders_to_read, open_library
 
 if TYPE_CHECKING:
-    from grs_agents.sim import Environment, InstanceTask, TaskInstance
-    from grs_agents.sim.rendering.views import Picture, View, VisibleScene
+    from grs_agents.sim import TaskInstance
+    from grs_agents.sim.rendering.cameras import LookAtCamera, RenderedImage, VisibleScene
 
 Box = tuple[int, int, int, int]
 MARK = (255, 0, 255)
@@ -92,52 +92,50 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
 
 def _draw_scene(asked: Request, limits: Limits) -> tuple[bytes, dict[int, Box]]:
     from grs_agents import sim
-    from grs_agents.sim.rendering.plain_pictures import render_views
-    from grs_agents.sim.rendering.views import View, encode_png
+    from grs_agents.sim.rendering.cameras import LookAtCamera, encode_png
+    from grs_agents.sim.rendering.pictures import render_views
 
     instance = sim.TaskInstance.model_validate(asked.instance)
     library = open_library(asked.library_roots)
     sim.set_environment_defaults(library, instance.seed, instance.robot, limits)
-    task = sim.InstanceTask(instance)
-    env = sim.Environment(task=task, library=library, seed=instance.seed, robot=instance.robot)
-    view = View(asked.position, asked.target, height=asked.height, width=asked.width)
+    view = LookAtCamera(asked.position, asked.target, height=asked.height, width=asked.width)
     if asked.poses is not None:
         placed = [item.model_copy(update={"pose": asked.poses.get(item.id, item.pose)}) for item in instance.objects]
         instance = instance.model_copy(update={"objects": tuple(placed)})
     if asked.textured:
         picture = _draw_textured(instance, library, view)
     else:
-        picture = render_views(_prepare_visible_scene(asked, env, task, instance), [view])[0]
+        picture = render_views(_prepare_visible_scene(asked, instance, library), [view])[0]
     boxes = {number: box for number in asked.marked if (box := _outline_object(picture, number)) is not None}
     return encode_png(picture.color), boxes
 
 
-def _draw_textured(instance: "TaskInstance", library: Library, view: "View") -> "Picture":
-    from grs_agents.sim.rendering.lenses import lens_from_field_of_view, view_pose
+def _draw_textured(instance: "TaskInstance", library: Library, view: "LookAtCamera") -> "RenderedImage":
+    from grs_agents.sim.rendering.cameras import lens_from_field_of_view, view_pose
+    from grs_agents.sim.rendering.pictures import render_from_camera
     from grs_agents.sim.rendering.stage import scene_props_from_instance
-    from grs_agents.sim.rendering.textured_pictures import render_from_camera
 
     props = replace(scene_props_from_instance(instance), arm=None)
     lens = lens_from_field_of_view(view.field_of_view, view.height, view.width)
     return render_from_camera(props, library, lens, view_pose(view))
 
 
-def _prepare_visible_scene(
-    asked: Request, env: "Environment", task: "InstanceTask", instance: "TaskInstance"
-) -> "VisibleScene":
-    """What stands where the poses say, else after settling or the rollout."""
-    from grs_agents import sim
-    from grs_agents.sim.rendering.views import VisibleScene
+def _prepare_visible_scene(asked: Request, instance: "TaskInstance", library: Library) -> "VisibleScene":
+    """The scene at the poses asked for, else after settling or after the rollout."""
+    from grs_agents.sim.arms.registry import get_arm
+    from grs_agents.sim.rendering.cameras import VisibleScene
+    from grs_agents.sim.tabletop_episode import follow_oracle, open_instance_episode
 
     if asked.poses is not None:
-        return VisibleScene(instance.objects, env.library, arm=env.arm, background=instance.background)
-    env.reset()
+        return VisibleScene(instance.objects, library, arm=get_arm(instance.robot), background=instance.background)
+    episode = open_instance_episode(instance, library)
+    episode.reset()
     if asked.moment == "end":
-        sim.run_oracle(env, task)
-    return env.visible_scene
+        follow_oracle(episode.task.oracle(episode.sim), episode)
+    return episode.sim.visible_scene
 
 
-def _outline_object(picture: "Picture", number: int) -> Box | None:
+def _outline_object(picture: "RenderedImage", number: int) -> Box | None:
     """Paint the pixels around an object; gives its box in pixels, None where it is not seen."""
     import numpy as np
 

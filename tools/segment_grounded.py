@@ -1,4 +1,4 @@
-"""Segment a photo by an open-vocabulary detector of your own, whose boxes depth fills. Nothing is downloaded."""
+"""Segment a photo by your own open-vocabulary detector; depth fills its boxes. Nothing is downloaded."""
 
 import importlib
 from collections.abc import Iterator
@@ -20,15 +20,15 @@ KINDS = ("grounding-dino", "mm-grounding-dino", "owlv2", "owlvit")
 
 @dataclass(frozen=True)
 class Request:
-    """A frame, the table in it, and what to look for.
+    """A frame, the table in it, and prompts.
 
     Attributes:
         frame: the photo.
         table: the table in it.
-        model: the folder of the detector: ``config.json``, ``*.safetensors`` and what its processor needs.
+        model: the folder of the detector: ``config.json``, ``*.safetensors`` and the files of its processor.
         device: where it runs, as torch names it.
-        prompts: what may stand on the table, as a person would say it; the names of the library if empty.
-        config: how parts are merged.
+        prompts: names of objects that may stand on the table; the categories of the library if empty.
+        config: constants of the segmentation.
     """
 
     frame: RGBDFrame
@@ -78,7 +78,7 @@ def run(request: Request, context: ToolContext) -> Result:
 
 
 def _detect_boxes(model: Any, processor: Any, rgb: Image, where: Mask, prompts: tuple[str, ...]) -> Iterator[Proposal]:
-    """The boxes that score above what the detector's own authors take for a find."""
+    """The boxes above the detector's default threshold."""
     asked = processor(images=rgb, text=[list(prompts)], return_tensors="pt").to(model.device)
     answer = processor.post_process_grounded_object_detection(model(**asked), target_sizes=[where.shape])[0]
     found: list[Proposal] = []

@@ -1,4 +1,4 @@
-"""Take the masks that come with the scene: a person's, another program's, or a data set's."""
+"""Use the masks supplied with the scene: by a person, another program, or a data set."""
 
 from dataclasses import dataclass
 
@@ -21,7 +21,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Result:
-    """The candidates, in the table's frame, and which masks have too little depth to be one."""
+    """The candidates, in the table's frame, and notes on masks with too little depth."""
 
     candidates: tuple[Candidate, ...]
     notes: tuple[str, ...] = ()
@@ -36,6 +36,6 @@ def run(request: Request, context: ToolContext) -> Result:
     rows, columns = request.frame.depth.shape
     labels = read_foreign_masks(request.frame.source, (rows, columns))
     candidates = measure_candidates(request.frame, request.table, labels, given=True)
-    kept = {int(labels[one.mask].max()) for one in candidates}
+    kept = {int(labels[candidate.mask].max()) for candidate in candidates}
     lost = sorted(set(np.unique(labels).tolist()) - kept - {0})
     return Result(candidates, tuple(f"mask {number} has too little depth to be an object" for number in lost))

@@ -1,4 +1,4 @@
-"""Segment a photo by its depth: what stands on the table, cut at jumps and creases. No weights."""
+"""Segment a photo by depth: the objects on the table, cut at jumps and creases. No weights."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from grs_agents.toolkit import ToolContext
 
 @dataclass(frozen=True)
 class Request:
-    """A frame, the table in it, and how it is segmented; this tool needs no model."""
+    """A frame, the table in it, and constants; this tool needs no model."""
 
     frame: RGBDFrame
     table: TableFrame

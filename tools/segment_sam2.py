@@ -1,4 +1,4 @@
-"""Segment a photo by the masks of a SAM 2 of your own, merged by depth. Nothing is downloaded."""
+"""Segment a photo by the masks of your own SAM 2, merged by depth. Nothing is downloaded."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,14 +18,14 @@ from grs_agents.toolkit import ToolContext
 
 Floats = npt.NDArray[np.float32]
 SIDE = 32
-"""The model is asked at the points of a grid with so many rows and columns that may be on a thing."""
+"""Rows and columns of the grid of prompt points, of which those that may show an object are used."""
 SCORE = 0.8
-"""Masks are taken whose intersection over union with the truth the model estimates to be at least this."""
+"""Least intersection over union with the truth, as estimated by the model."""
 STABILITY = 0.95
-"""And which a change of the threshold by `OFFSET` changes by at most 1 - this."""
+"""Least intersection over union of a mask at thresholds `OFFSET` above and below."""
 OFFSET = 1.0
 CPU_SECONDS = "75 to 170"
-"""That a photo of 640 x 480 costs on a processor, from the smallest model to the largest."""
+"""CPU time of a photo of 640 x 480, from the smallest model to the largest."""
 
 
 @dataclass(frozen=True)
@@ -38,8 +38,8 @@ class Request:
         model: a folder with ``config.json`` and ``*.safetensors``, one with an encoder and a decoder in ONNX, or a
             ``.pt`` of Meta's.
         device: where it runs, as torch names it.
-        batch: so many points are asked at once; the masks of 16 are a few ten MiB.
-        config: how parts are merged.
+        batch: points per call; the masks of 16 are a few ten MiB.
+        config: constants of the segmentation.
     """
 
     frame: RGBDFrame
@@ -58,10 +58,10 @@ class Result:
 
 
 def run(request: Request, context: ToolContext) -> Result:
-    """Load the model, ask it, and measure what it sees on the table.
+    """Load the model, prompt it, and measure the objects on the table.
 
     Raises:
-        ConfigError: ``segment.model`` names no SAM 2, or what runs it is not installed.
+        ConfigError: ``segment.model`` names no SAM 2, or its runtime is not installed.
         InputError: the model cannot be loaded, lacks weights, does not answer, or sees nothing on the table.
     """
     with wrap_model_errors("segmentation", Path(request.model or ""), request.frame.source, "Sam2Model"):

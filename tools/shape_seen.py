@@ -1,4 +1,4 @@
-"""Reconstruct an object's shape from the photo: round, mirrored, or carved by what is seen. No weights. The default."""
+"""Reconstruct an object's shape from the photo: box, round, mirrored, or carved. No weights. The default."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +15,7 @@ class Request:
 
     Attributes:
         view: the photo, depth, the object's pixels, camera, frame and measured size.
-        folder: where a tool may write files; this one writes none.
+        folder: for files of the tool; this tool writes none.
         model: ``shape.model`` of the configuration.
     """
 
@@ -26,9 +26,9 @@ class Request:
 
 @dataclass(frozen=True)
 class Result:
-    """The shape, or a mesh file that is scaled and laid onto what was measured.
+    """The shape, or a mesh file to be scaled and registered to the measured points.
 
-    ``None`` where too little was measured: there a primitive of the measured size stands.
+    ``None`` with too little measured depth: a primitive of the measured size replaces it.
     """
 
     shape: ObjectShape | MeshFile | None

@@ -1,4 +1,4 @@
-"""The table of the ablation: rewards with bootstrap intervals, what they cost, and whether graphs differ."""
+"""Table of the ablation: rewards with bootstrap intervals, costs, and tests for differences between graphs."""
 
 from collections.abc import Sequence
 from itertools import combinations

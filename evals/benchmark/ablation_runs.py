@@ -27,7 +27,7 @@ _REMEDY = "name another --out"
 
 
 class Measured(Frozen):
-    """One run of one graph, and what the trusted oracle earns with the program it ended with."""
+    """A run of a graph, with the trusted oracle's rewards for its final program."""
 
     graph: str
     scene: str
@@ -46,7 +46,7 @@ class Measured(Frozen):
 
     @property
     def error(self) -> str:
-        """Why there is no verdict, in a word; empty where there is one. Such a run is made again."""
+        """Reason of a missing verdict; empty if there is a verdict. Such a run is repeated."""
         return "" if self.status in ("accepted", "rejected") else self.status
 
     def __str__(self) -> str:
@@ -66,9 +66,10 @@ def make_scenes(wanted: Sequence[Recipe], folder: Path) -> list[Path]:
 
 
 def make_runs(scenes: Sequence[str], graphs: Sequence[str], experiment: Experiment) -> list[Measured]:
-    """Make what is not made yet. Scene and seed give the offline author's task, so graphs meet the same tasks.
+    """Make the missing runs. Scene and seed determine the offline author's task, so all graphs meet the same tasks.
 
-    The first run of each scene comprehends it, the others take that over: what differs is what authors and fixers do.
+    The first run of each scene comprehends it, and the others reuse its scene: runs differ by authors and fixers
+    only.
     """
     options = experiment.options
     common = [part for setting in options.settings for part in ("--set", setting)]
@@ -127,7 +128,7 @@ def _count_hangs(folder: Path) -> int:
 
 
 def _read_rollouts(folder: Path) -> list[dict[str, Any]]:
-    """The rollouts of the run's audit; where its tests failed, and it had none, those of a check of its program."""
+    """Rollouts of the run's audit; without an audit, because its tests failed, those of a check of its program."""
     audit = folder / "audit.json"
     if not audit.is_file():
         audit = folder.with_name(f"{folder.name}.check.json")
@@ -140,7 +141,7 @@ def _read_rollouts(folder: Path) -> list[dict[str, Any]]:
 
 
 def _check(folder: Path, out: Path) -> None:
-    """Write what ``grs check`` finds of the program that a run ended with."""
+    """Write the result of ``grs check`` on the final program of a run."""
     command = [sys.executable, "-m", "grs_agents", "check", str(folder), "--json"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode not in (0, 1):

@@ -87,7 +87,8 @@ def _moved(points: Floats, table: TableFrame) -> Floats:
 
 
 def frame_figures(scene: LabelledScene, rng: np.random.Generator) -> FrameFigures | None:
-    """How the frame found without calibration agrees with the given one; ``None`` if none is given.
+    """Agreement of the table frame found without calibration with the calibrated frame; ``None`` without
+    calibration.
 
     Raises:
         InputError: no table is found without calibration.

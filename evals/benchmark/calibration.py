@@ -1,4 +1,4 @@
-"""Whether the confidence of matches is the share of them that is right, on scenes that show what the library lacks."""
+"""Calibration of match confidence, on scenes with objects that the library lacks."""
 
 import json
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -31,14 +31,14 @@ _BINS = 10
 
 
 class NamedAsset(Frozen):
-    """The best asset of one segment."""
+    """The best asset of a segment."""
 
     scene: str
     asset: str
     inputs: tuple[float, ...]  # of its confidence
     confidence: float
     right: bool
-    known: bool  # the library holds what the segment shows
+    known: bool  # the library holds the segment's asset
 
 
 class _Fewer(Library):
@@ -53,11 +53,11 @@ class _Fewer(Library):
 
 
 def name_assets(folder: Path, segment: str, context: ToolContext) -> list[NamedAsset]:
-    """Segment a scene and name the best asset of each segment: with the whole library; and, where poses and assets of
-    its objects are known, with one that lacks every second of these assets.
+    """Segment a scene and name the best asset of each segment, with the whole library; and, if poses and assets of
+    its objects are known, with a library that lacks every second of these assets.
 
     Raises:
-        InputError: nobody says what the scene shows.
+        InputError: the scene's assets are unknown.
     """
     labelled = (folder / "truth.json").is_file()
     frame = read_labelled(folder).frame if labelled else read_scene(folder)
@@ -78,7 +78,7 @@ def name_assets(folder: Path, segment: str, context: ToolContext) -> list[NamedA
 def _name_best_assets(
     scene: str, request: MatchRequest, library: Library, shown: Mapping[int, str]
 ) -> Iterator[NamedAsset]:
-    """The best asset of each segment that may be an object; ``shown`` are the true ones by segment."""
+    """The best asset of each segment that may be an object; ``shown`` holds the true assets by segment."""
     looks, held = first_of_same_look(library), {asset.name for asset in library.everyday_assets()}
     for number, (ranked, nothing) in rank_assets_per_segment(request, library).items():
         if ranked.names and not nothing:
@@ -100,7 +100,7 @@ def _unasked(*_: object) -> MatchEvidence:
 
 
 def _shown_by_truth(folder: Path, found: Sequence[Candidate]) -> dict[int, str]:
-    """The asset that each segment shows, by number; empty where it shows none."""
+    """The true asset of each segment, by number; empty without an asset."""
     scene = read_labelled(folder)
     assets = {one.id: one.asset for one in scene.truth.objects}
     shown: dict[int, str] = {}
@@ -165,8 +165,8 @@ def reliability(named: Sequence[NamedAsset]) -> list[dict[str, float]]:
 
 
 def fit_coefficients(named: Sequence[NamedAsset]) -> list[float]:
-    """The constant and the weights of a logistic regression of "it is right" on the inputs, by Newton's method; a ridge
-    of one observation on each weight of the standardised inputs."""
+    """Constant and weights of a logistic regression of "it is right" on the inputs, by Newton's method, with a ridge
+    of a single observation on each weight of the standardised inputs."""
     inputs, right = np.array([one.inputs for one in named]), np.array([one.right for one in named], np.float64)
     mean, spread = inputs.mean(axis=0), inputs.std(axis=0) + 1e-9
     design = np.column_stack([np.ones(len(inputs)), (inputs - mean) / spread])
@@ -181,7 +181,8 @@ def fit_coefficients(named: Sequence[NamedAsset]) -> list[float]:
 
 
 def write_reliability_diagram(file: Path, named: Sequence[NamedAsset]) -> None:
-    """Draw the share that is right over the confidence; a disc's area tells how many there are."""
+    """Draw the share of right matches over the confidence; the area of a disc is proportional to the number of
+    matches."""
     side, edge = 400, 45
     picture: Picture = np.full((side + 2 * edge, side + 2 * edge, 3), 255, np.uint8)
 

@@ -68,7 +68,7 @@ def twin_pictures(run: Path) -> list[Picture]:
 
 
 def captioned_row(words: str, tiles: Sequence[Picture]) -> Picture:
-    """Pictures of one scene side by side, as wide as each other, below a line of words."""
+    """Pictures of a scene side by side, of equal width, below a caption."""
     row = np.hstack([_fitted(tile) for tile in tiles])
     bar = write_words(np.full((24, row.shape[1], 3), 255, np.uint8), words, (6, 17))
     return np.asarray(np.vstack([bar, row]), np.uint8)
@@ -126,7 +126,7 @@ def write_plots(out: Path, scenes: Sequence[SceneFigures]) -> None:
 
 
 def _bars(rows: Sequence[tuple[str, tuple[float, ...]]], names: Sequence[str]) -> Picture:
-    """Horizontal bars from 0 to 1, one group for each row."""
+    """Horizontal bars from 0 to 1, a group for each row."""
     left, right, step = 190, 620, 14 * len(names) + 10
     picture = np.full((40 + step * len(rows) + 10, right + 60, 3), 255, np.uint8)
     for index, name in enumerate(names):

@@ -41,7 +41,7 @@ SMALL, LARGE = 640 * 480, 1920 * 1080
 
 
 def scene_row(scene: SceneFigures) -> dict[str, Any]:
-    """The figures of one scene, one entry for each of `COLUMNS`; empty where there is nothing to say."""
+    """The figures of a scene, an entry for each of `COLUMNS`; empty entries without a value."""
     tilt = _text(scene.tilt, 0)
     return {**_row(scene.name, [scene]), "sensor": scene.sensor, "tilt": tilt, "error": scene.error}
 
@@ -63,7 +63,7 @@ def _row(name: str, scenes: Sequence[SceneFigures]) -> dict[str, Any]:
 
 
 def total_rows(scenes: Sequence[SceneFigures]) -> list[dict[str, Any]]:
-    """All scenes together; the synthesised ones beside others, and those of each sensor where there are several."""
+    """Totals of all scenes, of synthesised and other scenes, and of each sensor if there are several."""
     by_sensor: dict[str, list[SceneFigures]] = {}
     for scene in sorted(scenes, key=lambda scene: scene.sensor):
         by_sensor.setdefault(scene.sensor, []).append(scene)
@@ -100,7 +100,7 @@ def _summary(scenes: Sequence[SceneFigures]) -> dict[str, float | None]:
 
 
 def perception_targets(scenes: Sequence[SceneFigures]) -> list[Figure]:
-    """The totals that have a bound, and what tells how they came about."""
+    """The totals with a target, and their explanatory figures."""
     objects = [one for scene in scenes for one in scene.objects]
     sums = _summary(scenes)
     return [
@@ -137,7 +137,7 @@ def _moves(objects: Sequence[ObjectFigures]) -> list[float]:
 
 
 def _of_runs(runs: Sequence[RunFigures]) -> list[Figure]:
-    """How much of the scenes the objects own, what they own besides, and what became of right segments."""
+    """Coverage of the scenes by objects, fixed structures taken for objects, and the fate of right segments."""
     both = [(one.coverage, one.true_coverage) for one in runs]
     errors = [100 * abs(said - true) for said, true in both if said is not None and true is not None]
     accepted = _known([one for one in runs if not one.refused], "true_coverage")

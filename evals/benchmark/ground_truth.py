@@ -1,4 +1,4 @@
-"""Scenes of which it is known what stands where: labels for each pixel, and poses and boxes where they are known."""
+"""Scenes with ground truth: a label for each pixel, and poses and boxes where known."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -22,23 +22,23 @@ from grs_agents.perception.types import Aabb, Array, Mask, RGBDFrame
 
 FEWEST_PIXELS = 100
 LEAST_VISIBLE = 0.1
-"""What shows fewer pixels, or a smaller share of itself, need not be found; pose data sets draw the line there too."""
+"""Visible pixels and visible share below which an object need not be found, as in pose data sets."""
 
 
 class TrueObject(Frozen):
-    """An object of a labelled scene; ``None`` is what is not known of it.
+    """An object of a labelled scene; unknown values are ``None``.
 
     Attributes:
         id: its label in ``labels.png``.
-        asset: library name, empty if the library does not hold it or nobody knows.
-        absent: the library certainly does not hold it.
-        kind: what it is, in a word; empty if nobody says.
+        asset: library name; empty if the library lacks it or it is unknown.
+        absent: the library certainly lacks it.
+        kind: a word for it; empty if unknown.
         position: centre of its frame, m, robot frame.
         orientation: xyzw.
-        yaw: of what stands upright, rad, in place of ``orientation``.
+        yaw: of an upright object, rad, in place of ``orientation``.
         box: axis-aligned, robot frame.
-        visible: pixels that are seen.
-        whole: pixels that would be seen if nothing hid it.
+        visible: visible pixels.
+        whole: pixels visible without occlusion.
     """
 
     id: int
@@ -64,10 +64,10 @@ class Truth(Frozen):
     """``truth.json`` of a scene folder.
 
     Attributes:
-        objects: what stands there.
-        sensor: which noise its depth has; empty for a real one.
-        tilt: how far the camera looks down, degrees.
-        seed: that a synthesised scene was made with.
+        objects: of the scene.
+        sensor: noise model of its depth; empty for a real sensor.
+        tilt: downward tilt of the camera, degrees.
+        seed: of a synthesised scene.
     """
 
     objects: tuple[TrueObject, ...] = ()
@@ -84,9 +84,9 @@ class LabelledScene:
         name: for tables.
         frame: the photo with depth.
         labels: (H, W), 0 = background.
-        truth: of the objects, as far as it is known.
-        points: (N, 3) of the true surface of objects by label, m, camera frame; where poses are given in that frame.
-        fixed: (H, W) where the robot or the walls of a bin are seen, which are no objects; ``None`` if nobody says.
+        truth: of the objects, as far as known.
+        points: (N, 3) of the true surface of objects by label, m, camera frame; if poses are given in that frame.
+        fixed: (H, W) mask of the robot and of bin walls, which are no objects; ``None`` if unknown.
     """
 
     name: str
@@ -98,8 +98,8 @@ class LabelledScene:
 
     @property
     def unlabelled(self) -> Mask:
-        """(H, W) what the labels say nothing about: the pixels without depth, where no label reaches any of them, as it
-        is with labels that were made on the depth."""
+        """Returns: mask (H, W) of unlabelled pixels: those without depth, if no label covers any of them, as with
+        labels that were made on the depth."""
         unmeasured = self.frame.depth <= 0
         return unmeasured & ~(self.labels[unmeasured] > 0).any()
 
@@ -128,7 +128,7 @@ def read_labelled(source: Path) -> LabelledScene:
 
 
 def _read_picture(file: Path, frame: RGBDFrame) -> npt.NDArray[Any]:
-    """(H, W) a picture of one channel, as large as the photo."""
+    """A single-channel picture (H, W) of the photo's size."""
     image = cv2.imread(str(file), cv2.IMREAD_UNCHANGED) if file.is_file() else None
     if image is None or image.ndim != 2 or image.dtype.name not in ("uint8", "uint16"):
         raise InputError(f"{file} is no picture of labels", "write one channel of 8 or 16 bits, 0 = background")

@@ -17,11 +17,11 @@ MOST_POINTS = 4000
 
 
 def bop_sources(source: str, most: int) -> list[str]:
-    """The images that ``bop:ROOT/SPLIT``, ``bop:ROOT/SPLIT/SCENE`` or ``bop:ROOT/SPLIT/SCENE/IMAGE`` names.
+    """The images of ``bop:ROOT/SPLIT``, ``bop:ROOT/SPLIT/SCENE`` or ``bop:ROOT/SPLIT/SCENE/IMAGE``.
 
     Args:
-        source: what is asked for.
-        most: how many of them, spread evenly over all.
+        source: such a name.
+        most: largest number of images, spread evenly.
 
     Raises:
         InputError: there is no image.
@@ -42,8 +42,8 @@ def bop_sources(source: str, most: int) -> list[str]:
 def bop_objects(source: Path) -> list[dict[str, Any]]:
     """For each object with visible pixels, in the order of its mask's number: ``visible``, ``whole``, ``points``.
 
-    ``points`` are (N, 3) in the camera frame (m), of the object's model at its pose; absent where either is not known.
-    What the data set does not tell is left out; without ``scene_gt_info.json`` nothing is known.
+    ``points`` are (N, 3) in the camera frame (m), of the object's model at its pose. Unknown values are left out;
+    without ``scene_gt_info.json`` all are unknown.
 
     Raises:
         InputError: a file is not of the format.

@@ -105,7 +105,7 @@ def _by(keys: Sequence[str], values: Sequence[float]) -> dict[str, list[float]]:
 
 
 def _confusions(found: Sequence[Matching]) -> list[dict[str, Any]]:
-    """What was taken for what, the most frequent first."""
+    """Confused pairs of assets, the most frequent first."""
     pairs: Counter[tuple[str, str, str]] = Counter()
     for one in found:
         for answer in one.answers:

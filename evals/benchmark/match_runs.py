@@ -35,7 +35,7 @@ METHODS: dict[str, Method] = {
 def match_orders(
     scenes: Sequence[Order], methods: Sequence[str], models: Sequence[str], runs: int, settings: Sequence[str]
 ) -> list[MatchOrder]:
-    """One order for each scene, method, model and run; methods that ask no model have one model, ``-``, and one run."""
+    """An order for each scene, method, model and run; methods without a model have the model ``-`` and a single run."""
     rooms = [content.package_root() / room for room in ("perception", "agents")]
     code = content.hash_files(*rooms, content.content_path("tools", "match_features"))
     found: list[MatchOrder] = []
@@ -59,13 +59,12 @@ def match_orders(
 def run_match_orders(orders: Sequence[MatchOrder], experiment: Experiment, prices: Sequence[str]) -> int:
     """Match every scene in every way, write figures and pictures to the experiment's folder, and print them.
 
-    What was matched with the same scene, method, settings and code is not matched again, so that an interrupted run
-    goes on.
+    Stored results of the same scene, method, settings and code are reused, so an interrupted experiment resumes.
 
     Args:
-        orders: what to do.
-        experiment: its folder, and how many scenes at a time.
-        prices: ``MODEL=IN,OUT``, what a million tokens cost.
+        orders: the matchings to compute.
+        experiment: its folder, and the number of scenes in parallel.
+        prices: ``MODEL=IN,OUT``, the costs of a million tokens.
 
     Returns:
         0 if every scene could be matched, 1 if not.
@@ -116,7 +115,7 @@ def _matching(order: MatchOrder, out: Path) -> Matching:
 
 
 def _earlier(order: MatchOrder, out: Path) -> Matching | None:
-    """The outcome of the same order, if there is one."""
+    """The stored outcome of the same order, if any."""
     try:
         found = Matching.model_validate_json(matching_file(out, order).read_text(encoding="utf-8"))
     except (OSError, ValidationError):

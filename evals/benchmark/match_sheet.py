@@ -61,7 +61,7 @@ def write_match_plot(out: Path, rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def _cell(out: Path, answer: ScoredAnswer, library: Library, drawn: dict[str, Picture]) -> Picture:
-    """The crop, the asset that was matched and the true one, with a bar that says how it went."""
+    """The crop, the matched asset and the true asset, with a bar in the colour of the outcome."""
     image = cv2.imread(str(out / answer.crop))
     crop = _fitted(np.asarray(image[:, :, ::-1], np.uint8)) if image is not None else _fitted(None)
     tiles = [crop, _asset(answer.answer.asset, library, drawn), _asset(answer.truth, library, drawn)]

@@ -1,4 +1,4 @@
-"""What is asked and found when correspondence is measured."""
+"""Orders and results of the correspondence experiment."""
 
 from pathlib import Path
 from typing import Literal
@@ -11,13 +11,13 @@ Outcome = Literal["right", "wrong asset", "missed", "false alarm", "rightly none
 
 
 class Method(Frozen):
-    """A way to match: a match tool, with what an ablation takes away from it.
+    """A match tool, possibly ablated.
 
     Attributes:
-        name: as tables call it.
-        tool: by its name in ``tools/``.
-        ocr, sized: as the tool's request has them.
-        models: it asks a model, so that models and runs make a difference.
+        name: in tables.
+        tool: its name in ``tools/``.
+        ocr, sized: as in the tool's request.
+        models: it calls a model, so results depend on model and run.
     """
 
     name: str
@@ -28,14 +28,14 @@ class Method(Frozen):
 
 
 class MatchOrder(Frozen):
-    """One scene to match, in a process of its own.
+    """A scene to match, in a separate process.
 
     Attributes:
-        scene: where it is or how it is made; its ``tool`` segments, or is empty for the true masks.
-        method: how.
-        model: by name; ``-`` where none is asked.
+        scene: its place or recipe; its ``tool`` segments, or is empty for the true masks.
+        method: of matching.
+        model: by name; ``-`` without a model.
         run: number of the repetition, which is the seed too.
-        settings: of the configuration, as ``--set`` takes them.
+        settings: of the configuration, as for ``--set``.
     """
 
     scene: Order
@@ -46,20 +46,20 @@ class MatchOrder(Frozen):
 
     @property
     def stem(self) -> str:
-        """What its files are called."""
+        """Stem of its file names."""
         model = "".join(letter if letter.isalnum() else "_" for letter in self.model)
         return f"{self.scene.name}-{self.method.name}-{model}-{self.run}"
 
 
 class ScoredAnswer(Frozen):
-    """One candidate.
+    """A candidate with its match.
 
     Attributes:
         id: its number.
-        truth: library name; empty for what the library lacks; ``None`` for what is no object.
+        truth: library name; empty if the library lacks the object; ``None`` if it is no object.
         answer: of the tool.
-        outcome: of both.
-        visible: share of the object that is seen, where that is known.
+        outcome: the comparison of both.
+        visible: visible share of the object, if known.
         crop: picture file, relative to the output folder.
     """
 
@@ -72,15 +72,15 @@ class ScoredAnswer(Frozen):
 
 
 class Matching(Frozen):
-    """What became of a scene.
+    """The result of matching a scene.
 
     Attributes:
-        order: what was asked.
+        order: the order.
         answers: of the candidates.
-        unseen: assets that no candidate shows, though they are visible enough.
+        unseen: assets without a candidate, though they are visible enough.
         input_tokens, output_tokens: of all model calls.
-        cpu_seconds: of the tool, on one core.
-        error: why there are no answers.
+        cpu_seconds: of the tool, on a single core.
+        error: reason of missing answers.
     """
 
     order: MatchOrder
@@ -93,7 +93,7 @@ class Matching(Frozen):
 
     @property
     def counts(self) -> tuple[int, int, int]:
-        """Right matches, wrong ones, and assets that were not matched (a wrong match counts as both)."""
+        """Right matches, wrong matches, and missed assets (a wrong match counts as both of the latter)."""
         outcomes = [one.outcome for one in self.answers]
         right, other = outcomes.count("right"), outcomes.count("wrong asset")
         return right, other + outcomes.count("false alarm"), other + outcomes.count("missed") + self.unseen

@@ -1,4 +1,4 @@
-"""Match one scene in this process: an order comes in on standard input, the outcome goes into the folder named."""
+"""Match a scene in this process: the order is read from standard input, the outcome written into the named folder."""
 
 import sys
 import time
@@ -22,8 +22,12 @@ from grs_agents.base.files import write_json
 from grs_agents.base.terminal import print_escaped
 from grs_agents.base.trace.events import Reply
 from grs_agents.base.trace.log import EventLog, read_events
-from grs_agents.graph.asset_matching import make_model_matcher
-from grs_agents.graph.describing import ask_describer, make_describer_question, make_placeholder_description
+from grs_agents.graph.recognition import (
+    ask_describer,
+    make_describer_question,
+    make_model_matcher,
+    make_placeholder_description,
+)
 from grs_agents.library.library import Library
 from grs_agents.perception.annotated_pictures import write_outlines
 from grs_agents.perception.matching.types import MatchResult, Segment

@@ -24,13 +24,13 @@ from grs_agents.runs.experiments import terminal_table
 from grs_agents.runs.metrics import figures_table, metrics_table
 
 _SHOWN = ("scene", "objects", "segments", "F1@.5", "IoU", "centre mm", "CPU s")
-"""What of a row fits a terminal; the rest is in the files."""
+"""Columns that fit a terminal; the files have all."""
 
 
 @dataclass(frozen=True)
 class MeasurementOptions:
-    """What is done with each scene: the segment tool, the seed of the search for the table, how often it is timed,
-    the folder of the tool's model, the rules of segmentation that are off, and settings of the run."""
+    """Options of the measurement of each scene: the segment tool, the seed of the table search, the number of
+    timings, the folder of the tool's model, the disabled rules of segmentation, and settings of the run."""
 
     tool: str
     seed: int = 0
@@ -41,12 +41,12 @@ class MeasurementOptions:
 
 
 def orders_of(sources: Sequence[str], work: MeasurementOptions, most: int) -> list[Order]:
-    """Orders for labelled scenes that are there.
+    """Orders for existing labelled scenes.
 
     Args:
         sources: scene folders, folders of scene folders, or ``bop:ROOT/SPLIT``, with a scene, with an image.
-        work: what is done with them.
-        most: how many images of a data set, spread evenly.
+        work: the options of their measurement.
+        most: largest number of images of a data set, spread evenly.
 
     Raises:
         InputError: a folder holds no labelled scene.
@@ -79,7 +79,7 @@ def synthesised_orders(wanted: Sequence[Recipe], out: Path, work: MeasurementOpt
 def run_orders(orders: Sequence[Order], experiment: Experiment) -> int:
     """Measure every scene, write figures and pictures to the experiment's folder, and print them.
 
-    What was measured with the same scene, tool and code is not measured again, so that an interrupted run goes on.
+    Stored results of the same scene, tool and code are reused, so an interrupted experiment resumes.
 
     Returns:
         0 if every scene could be measured, 1 if not.
@@ -121,7 +121,7 @@ def _order(name: str, source: str, recipe: Recipe | None, work: MeasurementOptio
 
 
 def _age(source: str) -> str:
-    """When the scene's files were written last; synthesised ones are told by their folder's name."""
+    """Time of the last change of the scene's files; for a synthesised scene, its folder's name."""
     folder = Path(source)
     if "synthesised" in folder.parts or not folder.is_dir():
         return ""
@@ -130,7 +130,7 @@ def _age(source: str) -> str:
 
 
 def _stem(recipe: Recipe) -> str:
-    """A folder name that tells recipes apart."""
+    """A folder name that is unique to a recipe."""
     return f"{recipe.seed:04d}-{hashlib.sha256(recipe.model_dump_json().encode()).hexdigest()[:8]}"
 
 
@@ -148,7 +148,7 @@ def _measured(order: Order, out: Path) -> Result:
 
 
 def _earlier(order: Order, out: Path) -> Result | None:
-    """The result of the same order, if there is one."""
+    """The stored result of the same order, if any."""
     try:
         result = Result.model_validate_json(result_file(out, order.name).read_text(encoding="utf-8"))
     except (OSError, ValidationError):

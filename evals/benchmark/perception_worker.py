@@ -1,6 +1,6 @@
-"""Measure one scene in this process: an order comes in on standard input, the result goes into the folder named.
+"""Measure a scene in this process: the order is read from standard input, the result written into the named folder.
 
-A process of its own for each scene tells how much memory it took, and a crash costs one scene.
+With a process for each scene, peak memory is known for each, and a crash costs a single scene.
 """
 
 import resource
@@ -40,7 +40,7 @@ _MEBIBYTE = 1024 * 1024 if sys.platform == "darwin" else 1024
 
 @dataclass(frozen=True)
 class Segmented:
-    """What perception makes of a scene: table, objects, or why there are none; CPU time of finding both, s."""
+    """Perception of a scene: table, objects, or the reason for their absence; CPU time of finding both, s."""
 
     table: TableFrame | None
     candidates: Sequence[Candidate]
@@ -136,7 +136,7 @@ def _figures(
 
 
 def _settings(order: Order) -> list[str]:
-    """What the run is told."""
+    """Settings of the run."""
     model = [f"segment.model={order.model}"] if order.model else []
     return [f"tools.segment={order.tool}", f"seed={order.seed}", *model, *order.settings]
 

@@ -12,7 +12,7 @@ Floats = npt.NDArray[np.float64]
 
 
 class RankTest(Frozen):
-    """The result of a test: what it is about, its statistic, degrees of freedom and probability."""
+    """The result of a test: its effect, statistic, degrees of freedom and probability."""
 
     effect: str
     statistic: float
@@ -21,7 +21,8 @@ class RankTest(Frozen):
 
 
 def kruskal_wallis(groups: Mapping[str, Sequence[float]], effect: str) -> RankTest | None:
-    """Whether groups of values come from one distribution; ``None`` for fewer than two groups, or if all are alike.
+    """Test that groups of values have the same distribution; ``None`` for fewer than two groups, or if all values
+    are equal.
 
     Raises:
         InputError: SciPy is not installed.
@@ -37,11 +38,11 @@ def scheirer_ray_hare(values: Sequence[float], rows: Sequence[str], columns: Seq
     """The effects of two factors on ranks, and their interaction (Scheirer, Ray and Hare 1976).
 
     Args:
-        values: what was measured.
+        values: measured values.
         rows, columns: the level of either factor for each value.
 
     Returns:
-        Rows, columns and interaction; none where a factor has one level, a cell is empty, or all values are alike.
+        Rows, columns and interaction; none if a factor has a single level, a cell is empty, or all values are equal.
 
     Raises:
         InputError: SciPy is not installed.
@@ -67,7 +68,7 @@ def _rank_test(effect: str, statistic: float, freedom: int) -> RankTest:
 
 
 def confidence_interval(values: Sequence[float]) -> tuple[float, float, float]:
-    """Mean and 95 % confidence interval (Student's t) of values; the interval is the mean for a single one.
+    """Mean and 95 % confidence interval (Student's t) of values; the interval of a single value is the value.
 
     Raises:
         InputError: SciPy is not installed.

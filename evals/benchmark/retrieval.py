@@ -1,7 +1,7 @@
-"""What the index of assets costs, measured in processes of their own; nothing here has been photographed or described.
+"""Cost of the asset index, measured in separate processes on synthetic assets.
 
-The assets are synthetic: descriptions of nine words by Zipf's law, four of them shared by all of a kind; looks of six
-of 400 colours; sizes spread around those of the kind. Queries are assets of the index, their vectors disturbed.
+Their descriptions have nine words by Zipf's law, four of them common to a kind; their appearances six of 400
+colours; their sizes scatter around those of the kind. Queries are assets of the index with disturbed vectors.
 """
 
 import json
@@ -107,10 +107,10 @@ def probe(folder: Path, count: int, queries: int, seed: int) -> dict[str, float]
 
 
 def measure_retrieval(folder: Path, count: int, queries: int, seed: int) -> dict[str, float]:
-    """Build and probe, each in a process of its own on one core.
+    """Build and probe, each in a separate process on a single core.
 
     Raises:
-        GrsError: one of them failed.
+        GrsError: a process failed.
     """
     figures: dict[str, float] = {}
     for verb in ("build", "probe"):
@@ -151,7 +151,7 @@ def _asked(folder: Path) -> Path:
 
 
 def import_threads() -> None:
-    """Keep FAISS on one core."""
+    """Keep FAISS on a single core."""
     from importlib import import_module
 
     import_module("faiss").omp_set_num_threads(1)

@@ -18,8 +18,8 @@ from grs_agents.perception.twin_picture import draw_twin
 from grs_agents.perception.types import Mask, SceneDescription, read_scene_description
 from grs_agents.runs.execution import execute_run
 from grs_agents.runs.metrics import cpu_seconds
-from grs_agents.runs.run_opening import Order
-from grs_agents.sim.rendering.views import Picture, encode_png
+from grs_agents.runs.run_opening import RunOrder
+from grs_agents.sim.rendering.cameras import RenderedImage, encode_png
 
 ASIDE: Final = 40.0
 """Degrees by which the second picture's camera is turned about the objects."""
@@ -30,15 +30,15 @@ TWIN, TWIN_ASIDE = "twin.png", "twin_aside.png"
 
 @dataclass(frozen=True)
 class SceneRun:
-    """What a run made of a scene.
+    """The result of a run on a scene.
 
     Attributes:
         scene: its description.
-        library: with the shapes of its own.
-        owners: (H, W) numbers of the objects by their masks, 0 = none; the smaller one on top.
-        owned: (H, W) what the objects and their pieces own.
-        twin: as the photo's camera sees it.
-        refused: why the run did not accept it; empty if it did.
+        library: with the run's own shapes.
+        owners: (H, W) numbers of the objects by their masks, 0 = none; smaller objects on top.
+        owned: (H, W) mask of the objects and their pieces.
+        twin: from the photo's camera.
+        refused: reason of a rejection; empty if accepted.
         cpu_seconds: of the whole run, offline models included.
     """
 
@@ -46,7 +46,7 @@ class SceneRun:
     library: Library
     owners: Labels
     owned: Mask
-    twin: Picture
+    twin: RenderedImage
     refused: str
     cpu_seconds: float
 
@@ -55,8 +55,8 @@ def comprehend_scene(source: str, folder: Path, settings: Sequence[str]) -> Scen
     """Comprehend a scene, and write its run and the pictures `TWIN` and `TWIN_ASIDE` into ``folder``.
 
     Args:
-        source: as `grs scene` takes it.
-        folder: what is there is replaced.
+        source: as for `grs scene`.
+        folder: its contents are replaced.
         settings: of the configuration, ``KEY=VALUE``.
 
     Raises:
@@ -66,7 +66,7 @@ def comprehend_scene(source: str, folder: Path, settings: Sequence[str]) -> Scen
     config = load_config(None, ["background.on=false", *settings, "graph=scene"])
     begin = cpu_seconds()
     ended = execute_run(
-        Order("scene", Path(source), config, folder),
+        RunOrder("scene", Path(source), config, folder),
         lambda _folder, _log: nullcontext(),
     )
     seconds = cpu_seconds() - begin

@@ -57,7 +57,7 @@ class Overlaps:
         return self.shared / np.maximum(union, 1)
 
     def pairs(self) -> list[tuple[int, int]]:
-        """The one-to-one assignment (rows of ``truths``, of ``segments``) with the most intersection over union."""
+        """The one-to-one assignment (rows of ``truths``, of ``segments``) with maximal intersection over union."""
         rows, columns = scipy_module("scipy.optimize").linear_sum_assignment(self.ious, maximize=True)
         both = zip(rows.tolist(), columns.tolist(), strict=True)
         return [(row, column) for row, column in both if self.ious[row, column] > 0]
@@ -73,15 +73,15 @@ class Overlaps:
 
 @dataclass(frozen=True)
 class SegmentationScore:
-    """The counts of one picture; those of many add up.
+    """The counts of a picture; counts of several pictures are added.
 
     Attributes:
-        objects, segments: how many there are.
+        objects, segments: their numbers.
         hits: matched pairs at an intersection over union of 0.5 and 0.75.
         iou_of_matched: sum of the intersection over union of the pairs matched at 0.5.
-        iou_of_objects: sum over all objects of that of their assigned segment, 0 where there is none.
+        iou_of_objects: sum over all objects of that of their assigned segment, 0 without a segment.
         split: objects of which two or more segments each hold a fragment and lie mostly in it.
-        merged: objects that share a segment with another, each with the larger part of its pixels.
+        merged: objects that share a segment with another object, each with the larger part of its pixels.
     """
 
     objects: int

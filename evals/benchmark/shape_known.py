@@ -17,8 +17,7 @@ from grs_agents.library.library import Library
 from grs_agents.library.posed_meshes import Triangles, build_posed_triangles
 from grs_agents.perception.asset_surfaces import Tree
 from grs_agents.perception.segmentation.candidates import measure_candidates
-from grs_agents.perception.shapes.types import ObjectShape, ObjectView
-from grs_agents.perception.shapes.view import make_object_view
+from grs_agents.perception.shapes.types import ObjectShape, ObjectView, make_object_view
 from grs_agents.perception.types import Array, Camera, RGBDFrame, TableFrame
 
 _PLACE = (0.5, 0.0)
@@ -31,7 +30,7 @@ TOLERANCE = 0.006
 
 @dataclass(frozen=True)
 class KnownObject:
-    """One photographed asset."""
+    """A photographed asset."""
 
     name: str
     sensor: SensorKind
@@ -76,7 +75,7 @@ def _photograph(asset: Asset, sensor: SensorKind, library: Library, rng: np.rand
 
 
 def _turned(yaw: float, turn: Quat) -> Quat:
-    """The quaternion of a turn followed by one about z."""
+    """The quaternion of a rotation followed by a rotation about z."""
     w, z = float(np.cos(yaw / 2)), float(np.sin(yaw / 2))
     x1, y1, z1, w1 = turn
     return (w * x1 - z * y1, w * y1 + z * x1, w * z1 + z * w1, w * w1 - z * z1)

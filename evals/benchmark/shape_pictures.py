@@ -8,7 +8,7 @@ import numpy as np
 from evals.benchmark.contact_sheet import write_words
 from grs_agents.base.geometry.raster import barycentric_coordinates, rasterise_triangles
 from grs_agents.base.geometry.transforms import rotation_about_z
-from grs_agents.perception.shapes.types import ObjectView, TexturedMesh
+from grs_agents.perception.shapes.types import ObjectMesh, ObjectView
 from grs_agents.perception.types import Array, Image
 
 _TILE = 200
@@ -17,7 +17,7 @@ ASIDE = np.deg2rad(40)
 
 
 def draw_mesh(
-    mesh: TexturedMesh, focal: float, center: tuple[float, float], pose: Array, size: tuple[int, int]
+    mesh: ObjectMesh, focal: float, center: tuple[float, float], pose: Array, size: tuple[int, int]
 ) -> tuple[Image, Array]:
     """Colours (h, w, 3) and depth (h, w), m, 0 where there is nothing, of a mesh before a camera.
 
@@ -56,8 +56,8 @@ def _bilinear(texture: Image, x: Array, y: Array) -> Image:
     return (top * (1 - down) + bottom * down).astype(np.uint8)
 
 
-def shape_row(view: ObjectView, mesh: TexturedMesh | None, words: str) -> Image:
-    """One object: the photo with the mask's outline, the mesh, and the mesh from 40 and from 140 degrees aside."""
+def shape_row(view: ObjectView, mesh: ObjectMesh | None, words: str) -> Image:
+    """An object: the photo with the mask's outline, the mesh, and the mesh rotated by 40 and by 140 degrees."""
     rows, columns = np.nonzero(view.mask)
     middle = np.array([(columns.min() + columns.max()) / 2, (rows.min() + rows.max()) / 2])
     side = 1.25 * max(np.ptp(columns), np.ptp(rows), 20)
@@ -85,7 +85,7 @@ def shape_row(view: ObjectView, mesh: TexturedMesh | None, words: str) -> Image:
 
 
 def join_rows(rows: Sequence[Image], across: int) -> Image:
-    """Rows of one size, ``across`` beside each other."""
+    """Rows of equal size, ``across`` side by side."""
     blank = np.full_like(rows[0], 255)
     padded = [*rows, *[blank] * (-len(rows) % across)]
     return np.concatenate(

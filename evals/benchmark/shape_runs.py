@@ -21,8 +21,7 @@ from grs_agents.perception.reading.scene_source import read_scene, short_scene_n
 from grs_agents.perception.segmentation.candidates import measure_candidates
 from grs_agents.perception.segmentation.segmentation import segment_objects_on_table
 from grs_agents.perception.shapes.reconstruction import reconstruct_shape
-from grs_agents.perception.shapes.types import ObjectShape, ObjectView
-from grs_agents.perception.shapes.view import make_object_view
+from grs_agents.perception.shapes.types import ObjectShape, ObjectView, make_object_view
 from grs_agents.perception.table_finding import find_table
 from grs_agents.perception.types import Image
 
@@ -30,7 +29,7 @@ _ROWS = 60
 
 
 class ShapeFigures(Frozen):
-    """One object; ``None`` where no shape was made, as a box stands for it, or where nothing true is known."""
+    """The figures of an object; ``None`` without a shape, as for a box, or without ground truth."""
 
     name: str
     method: str  # of the shape; ``box`` where the measured box stays
@@ -64,7 +63,7 @@ def measure_known(number: int, seed: int, pictures: Path) -> Shapes:
 
 
 def measure_real(folder: Path, pictures: Path) -> Shapes:
-    """Reconstruct the objects of a scene folder, by ``labels.png`` where there is one, else as GRS segments them.
+    """Reconstruct the objects of a scene folder, by ``labels.png`` if present, else as GRS segments them.
 
     Raises:
         InputError: the folder holds no scene, or no table or object is found in it.
@@ -83,7 +82,7 @@ def scene_folders(places: Iterable[Path]) -> list[Path]:
     """The scene folders among places and in them.
 
     Raises:
-        InputError: there is none in one of the places.
+        InputError: a place has none.
     """
     found: list[Path] = []
     for place in places:
@@ -109,7 +108,7 @@ def _views_of_scene(folder: Path) -> Iterable[tuple[str, ObjectView]]:
 
 
 def _noise(distance: float) -> float:
-    """What structured light deviates by (m): Nguyen, Izadi and Lovell, "Modeling Kinect sensor noise", 2012."""
+    """Deviation of structured light (m): Nguyen, Izadi and Lovell, "Modeling Kinect sensor noise", 2012."""
     return 0.0012 + 0.0019 * max(distance - 0.4, 0.0) ** 2
 
 
@@ -152,7 +151,7 @@ def write_sheets(out: Path, name: str, pictures: Sequence[Path]) -> None:
 
 
 def shape_targets(known: Sequence[ShapeFigures], real: Sequence[ShapeFigures]) -> list[dict[str, Any]]:
-    """What is asked of shapes, what was found, and whether that is enough."""
+    """The measured figures of shapes with their targets."""
     every = [*known, *real]
     scores = _known_values(known, "f_score")
     overlaps, errors = _known_values(real, "silhouette_iou"), _known_values(real, "depth_error")

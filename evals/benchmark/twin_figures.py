@@ -1,4 +1,4 @@
-"""What a run made of a scene, against the truth: coverage, what is no object, matches, and how the twin looks."""
+"""A run's scene against the ground truth: coverage, false objects, matches, and the appearance of the twin."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -45,8 +45,8 @@ def run_figures(scene: LabelledScene, segments: Labels, run: SceneRun) -> RunFig
 
     Args:
         scene: with its truth.
-        segments: (H, W) what the segment tool found.
-        run: what became of it.
+        segments: (H, W) result of the segment tool.
+        run: its result.
     """
     measured = (scene.labels > 0) & (scene.frame.depth > 0)
     fixed = np.zeros(measured.shape, np.bool_) if scene.fixed is None else scene.fixed
@@ -100,7 +100,7 @@ def _is_right(item: SceneObject, one: TrueObject, looks: Mapping[str, str]) -> b
 
 
 def _tilt(item: SceneObject) -> float | None:
-    """How far what stands for an object tilts until it rests, degrees."""
+    """Tilt of an object's stand-in until it rests, degrees."""
     if item.settled is None:
         return None
     before, after = (matrix_from_quaternion(turn)[:, 2] for turn in (item.orientation, item.settled[1]))
@@ -124,9 +124,9 @@ def _true_depth(scene: LabelledScene) -> Array:
 
 
 def _looks(number: int, scene: LabelledScene, label: int, run: SceneRun, depth: Array) -> dict[str, object]:
-    """How an object of the twin looks from the photo's camera: intersection over union of what is seen of it and what
-    the photo shows of it, without pixels of robot and walls and those that nobody labelled; and the 90th percentile of
-    the error of depth."""
+    """An object of the twin from the photo's camera: intersection over union of its visible pixels with the object's
+    pixels in the photo, without those of robot, walls and unlabelled areas; and the 90th percentile of the depth
+    error."""
     rows, columns = run.twin.owner.shape
     fixed = np.zeros(scene.labels.shape, np.bool_) if scene.fixed is None else scene.fixed
     free = ~_resized(fixed | scene.unlabelled, rows, columns)
@@ -147,11 +147,11 @@ def _resized(mask: Mask, rows: int, columns: int) -> Mask:
 
 
 def _pose_errors(one: TrueObject, item: SceneObject, library: Library) -> dict[str, object]:
-    """How far an asset rests from where it truly is.
+    """Errors of the resting pose of an asset.
 
-    ``adds`` is ADD-S as a share of the diameter: the mean distance of the true surface's points to the placed one
-    (Hinterstoisser et al., "Model based training, detection and pose estimation of texture-less 3D objects in heavily
-    cluttered scenes", ACCV 2012).
+    ``adds`` is ADD-S as a share of the diameter: the mean distance of the true surface's points to the placed
+    surface (Hinterstoisser et al., "Model based training, detection and pose estimation of texture-less 3D
+    objects in heavily cluttered scenes", ACCV 2012).
     """
     rotation, (center, turned) = one.rotation, item.settled or (item.position, item.orientation)
     if one.position is None or rotation is None:

@@ -1,4 +1,4 @@
-"""What is measured of one scene."""
+"""Measurements of a scene."""
 
 from pathlib import Path
 from typing import Any
@@ -14,27 +14,27 @@ Corners = tuple[tuple[float, ...], ...]
 
 
 class ObjectFigures(Frozen):
-    """What became of one object; ``None`` is what cannot be said of it. Lengths in m, angles in degrees.
+    """The figures of an object; ``None`` if unknown. Lengths in m, angles in degrees.
 
     Attributes:
         id: its label.
-        asset, kind: library name, and what it is; or empty.
-        visible: share of it that is seen, if that is known.
-        iou: intersection over union with the segment assigned to it, 0 without one.
-        segment: that segment's number.
+        asset, kind: library name, and a word for it; or empty.
+        visible: visible share, if known.
+        iou: intersection over union with the assigned segment, 0 without a segment.
+        segment: number of that segment.
         center: distance of the centres of the measured and the true axis-aligned box.
         size: largest difference of an extent of the two.
-        stands: what stands for it in the twin: ``asset``, or ``shape`` where none does; empty where nothing does.
-        right: the asset is the true one.
+        stands: its stand-in in the twin: ``asset``, or ``shape`` without a match; empty without a stand-in.
+        right: the asset is the true asset.
         confidence: of the match that named the asset.
-        silhouette: of what stands for it, at rest, seen by the photo's camera: intersection over union with its pixels.
-        depth_error: there, where both are seen, the 90th percentile.
-        position, angle: error of the pose at which the right asset rests; the angle up to the asset's symmetry.
-        symmetric: any turn about some axis leaves the asset as it is.
-        adds: of the right asset, mean distance of the true surface to the placed one, as a share of the diameter.
-        drift, tilt: how far what stands for it moves, and how far it tilts (degrees), until the twin is at rest.
+        silhouette: of its stand-in, at rest, from the photo's camera: intersection over union with its pixels.
+        depth_error: 90th percentile of the depth error on the common pixels.
+        position, angle: pose error of the right asset at rest; the angle up to the asset's symmetry.
+        symmetric: the asset is a body of revolution.
+        adds: of the right asset, mean distance of the true surface to the placed surface, as a share of the diameter.
+        drift, tilt: translation and tilt (degrees) of its stand-in until the twin is at rest.
         seat: the suction cup finds a place to hold the shape, alone on the table.
-        held: it would have fallen, and may stand on something that the photo does not show: in the twin it stays.
+        held: it would have fallen without a support that the photo does not show: in the twin it is fixed.
     """
 
     id: int
@@ -61,11 +61,11 @@ class ObjectFigures(Frozen):
 
 
 class FrameFigures(Frozen):
-    """How a robot frame that was laid on the table without calibration agrees with the calibrated one.
+    """Agreement of a robot frame laid on the table without calibration with the calibrated frame.
 
     Attributes:
         tilt: angle between both vertical axes, degrees.
-        height: how far the found table top lies above the true one, below the middle of the objects, m.
+        height: height of the found table top above the true table top, below the middle of the objects, m.
     """
 
     tilt: float
@@ -73,15 +73,15 @@ class FrameFigures(Frozen):
 
 
 class RunFigures(Frozen):
-    """What a run made of a scene.
+    """The figures of a run on a scene.
 
     Attributes:
-        coverage, true_coverage: share of what rises above the table that objects own, as the run says; share of the
-            true objects' measured pixels that they own.
-        refused: why the run did not accept the scene; empty if it did.
-        fixed_as_objects: objects that are mostly robot or wall; ``None`` where nobody says what is.
-        right_segments, kept_segments: true objects that a segment matches, and those of them that an object of the twin
-            matches too.
+        coverage, true_coverage: share of everything above the table that belongs to objects, as measured by the run;
+            share of the true objects' measured pixels that belongs to objects.
+        refused: reason of a rejection; empty if accepted.
+        fixed_as_objects: objects that are mostly robot or wall; ``None`` if unknown.
+        right_segments, kept_segments: true objects matched by a segment; those of them also matched by an object of the
+            twin.
         cpu_seconds: of the whole run, offline models included.
     """
 
@@ -95,18 +95,18 @@ class RunFigures(Frozen):
 
 
 class SceneFigures(Frozen):
-    """The figures of one scene.
+    """The figures of a scene.
 
     Attributes:
-        name, sensor, tilt: which scene.
+        name, sensor, tilt: of the scene.
         score: of the segmentation.
-        objects: one entry for each true object that counts.
-        frame: without calibration, where the calibration is known.
-        run: what a whole run made of it, and twin: how that stands in MuJoCo; ``None`` where there is none.
-        cpu_seconds: from the frame to the candidates, on one core, the least of several tries.
-        peak_mib: memory of the process that did so, imports included.
+        objects: an entry for each true object that counts.
+        frame: without calibration, if the calibration is known.
+        run: of a whole run, and twin: of its twin in MuJoCo; ``None`` without a run.
+        cpu_seconds: from the frame to the candidates, on a single core, the minimum of several repetitions.
+        peak_mib: memory of the process, imports included.
         width, height: of the picture.
-        error: why there are no segments, or no frame without calibration.
+        error: reason for missing segments, or for a missing frame without calibration.
     """
 
     name: str
@@ -125,20 +125,20 @@ class SceneFigures(Frozen):
 
 
 class Order(Frozen):
-    """One scene to measure, in a process of its own.
+    """A scene to measure, in a separate process.
 
     Attributes:
-        name: how it is called in tables.
+        name: in tables.
         source: a scene folder with labels, or ``bop:`` and an image.
-        recipe: what the folder is synthesised from, if it is not there yet.
+        recipe: for the synthesis of a missing folder.
         tool: the segment tool.
-        model: the folder of its model, if it has one.
-        without: rules of segmentation that are off.
-        seed: of the search for the table.
+        model: the folder of its model, if it has a model.
+        without: disabled rules of segmentation.
+        seed: of the table search.
         settings: of the configuration of the run, ``KEY=VALUE``.
-        repeats: how often the work is timed.
-        content: content folders laid over the shipped ones, the one that wins first.
-        fingerprint: of everything else that the figures depend on; a result with another one is measured again.
+        repeats: number of timings.
+        content: content folders overlaid on the shipped content, in order of precedence.
+        fingerprint: of everything else that the figures depend on; a result with another fingerprint is measured again.
     """
 
     name: str
@@ -155,11 +155,11 @@ class Order(Frozen):
 
 
 class Result(Frozen):
-    """What a measured scene leaves in ``scenes/NAME.json``.
+    """The content of ``scenes/NAME.json``.
 
     Attributes:
-        order: what was asked.
-        figures: what was measured.
+        order: the order.
+        figures: the measurements.
         boxes: of the candidates, for pictures: corners (8 x 3 m, camera frame) by number.
     """
 

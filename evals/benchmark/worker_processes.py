@@ -1,4 +1,4 @@
-"""Work in processes of its own: one for each scene, on one core each, with a bar on the terminal."""
+"""Worker processes, one core and a scene each, with a progress bar."""
 
 import os
 import subprocess
@@ -16,12 +16,12 @@ _Outcome = TypeVar("_Outcome")
 
 
 def run_worker(module: str, arguments: Sequence[str], order: str = "") -> subprocess.CompletedProcess[str]:
-    """Run a module of `evals.benchmark` in a process of its own, which imports from this checkout first.
+    """Run a module of `evals.benchmark` in a process that imports from this checkout first.
 
     Args:
         module: its name.
         arguments: of its command line.
-        order: what it reads from standard input.
+        order: its standard input.
     """
     paths = [str(EVALS.parent), *filter(None, [os.environ.get("PYTHONPATH")])]
     return subprocess.run(
@@ -35,7 +35,7 @@ def run_worker(module: str, arguments: Sequence[str], order: str = "") -> subpro
 
 
 def error_of(done: subprocess.CompletedProcess[str]) -> str:
-    """The last line that a worker which failed has printed; empty for one that did not fail."""
+    """The last line of a failed worker's output; empty for a successful worker."""
     lines = done.stderr.strip().splitlines() or [f"ended with status {done.returncode}"]
     return lines[-1] if done.returncode else ""
 

@@ -11,7 +11,7 @@ Edit = Callable[[str, random.Random], str | None]
 
 @dataclass(frozen=True)
 class PlantedMistake:
-    """One kind of mistake."""
+    """A kind of mistake."""
 
     name: str
     program: Literal["simulation", "tests"]  # where it is made, and so which of the two is at fault
@@ -121,7 +121,7 @@ def _swapped_goals(source: str, rng: random.Random) -> str | None:
 
 
 def _other_place(source: str, rng: random.Random) -> str | None:
-    """One goal has the place of another."""
+    """A goal has the place of another goal."""
     places = sorted(set(re.findall(r"params=\[\((\w+_pose), \w+\)\]", source)))
     if len(places) < 2:
         return None
@@ -166,7 +166,7 @@ def _made_fixed(source: str, rng: random.Random) -> str | None:
     added = [match for match in _ADDED.finditer(source) if '"fixed"' not in match[0]]
     if not added:
         return None
-    match = added[-1]  # the first ones may be what others are put on
+    match = added[-1]  # others may be stacked on the first objects
     return source.replace(match[0], match[0].rstrip("\n")[:-1] + ', "fixed")\n')
 
 

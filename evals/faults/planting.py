@@ -1,4 +1,4 @@
-"""Pairs of programs with one planted fault each: read from folders, or made from right pairs by typical mistakes."""
+"""Pairs of programs with a planted fault each: read from folders, or made from right pairs by typical mistakes."""
 
 import json
 import random
@@ -15,10 +15,10 @@ BASES = Path(__file__).parent / "bases"
 
 
 class PlantedFault(Frozen):
-    """A pair of programs of which one has a fault."""
+    """A pair of programs with a fault in either."""
 
     name: str
-    kind: str  # what was planted
+    kind: str  # of the planted mistake
     truth: Literal["fix_code", "fix_test"]
     right_tests: bool  # the program does something other than the task, and tests of the task's words show it
     task: dict[str, Any]
@@ -60,7 +60,7 @@ def read_fault_folders(folder: Path) -> list[PlantedFault]:
 
 
 def read_base(file: Path) -> tuple[dict[str, Any], str, str]:
-    """Task, program and tests of one right pair."""
+    """Task, program and tests of a right pair."""
     task, simulation, tests = re.findall(r"^```(?:json|python)\n(.*?)^```$", file.read_text("utf-8"), re.S | re.M)
     return json.loads(task), simulation, tests
 
@@ -72,7 +72,7 @@ def find_order(simulation: str) -> tuple[str, ...]:
 
 
 def plant_mistakes(half: int, seed: int) -> list[PlantedFault]:
-    """Each kind of mistake in each right pair that it applies to; of all, every other one from number ``half`` on."""
+    """Each kind of mistake in each right pair that it applies to; of these, every second from number ``half`` on."""
     planted: list[PlantedFault] = []
     for file in sorted(BASES.glob("*.md")):
         task, simulation, tests = read_base(file)

@@ -13,7 +13,7 @@ from grs_agents.library.shapes import Rgba
 
 WALLS = "bin/walls.urdf"
 _MARGIN = (0.01, 0.07)
-"""Between the things and the walls, m."""
+"""Distance between objects and walls, m."""
 _HEIGHT = (0.05, 0.14)
 _THICKNESS = (0.004, 0.018)
 _NEAREST = 0.13
@@ -21,15 +21,15 @@ _NEAREST = 0.13
 
 
 def write_bin_walls(root: Path, around: npt.NDArray[np.float64], rng: np.random.Generator) -> Pose:
-    """Write walls that stand on the table around things into the library folder ``root``, as the asset `WALLS`.
+    """Write walls around objects into the library folder ``root``, as the asset `WALLS`.
 
     Args:
-        root: of a library of its own.
-        around: (2, 2) lowest and highest x, y (m, robot frame) of the things.
+        root: of a separate library.
+        around: (2, 2) lowest and highest x, y (m, robot frame) of the objects.
         rng: source of distances, height, thickness and colour.
 
     Returns:
-        Where they stand.
+        Their pose.
     """
     thick, height = float(rng.uniform(*_THICKNESS)), float(rng.uniform(*_HEIGHT))
     room = rng.uniform(*_MARGIN, (2, 2)) + thick

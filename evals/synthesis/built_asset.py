@@ -1,4 +1,4 @@
-"""One generated asset: its manifest entry and the files it consists of."""
+"""A generated asset: its manifest entry and its files."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base.files import write_bytes, write_json, write_text
-from grs_agents.library.asset import MANIFEST, Asset, Manifest
+from grs_agents.library.asset import MANIFEST, Asset, AssetManifest
 from grs_agents.library.colors import COLORS
 from grs_agents.library.formats.urdf import format_urdf_text
 from grs_agents.library.shapes import Rgba, Shape
@@ -41,7 +41,7 @@ def write_assets(root: Path, built: Sequence[BuiltAsset]) -> tuple[str, ...]:
     """Write assets with a manifest into the library folder ``root``; gives their names."""
     for one in built:
         one.write(root)
-    write_json(root / MANIFEST, Manifest(assets=tuple(one.asset for one in built)).model_dump(mode="json"))
+    write_json(root / MANIFEST, AssetManifest(assets=tuple(one.asset for one in built)).model_dump(mode="json"))
     return tuple(one.asset.name for one in built)
 
 

@@ -1,4 +1,4 @@
-"""A heap on a table: what stands, lies, leans and is stacked, dropped by physics and come to rest."""
+"""A heap on a table: objects standing, lying, leaning and stacked, dropped by physics and at rest."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,13 +27,13 @@ _STILL: Final = 0.01
 _CHUNK: Final = 50
 """Whether everything rests (m/s) is looked at each so many steps."""
 _STACKED: Final = 0.3
-"""Share of the things that are put on top of others; another tenth is dropped any way up."""
+"""Share of the objects that are stacked on others; another tenth is dropped in any orientation."""
 _HIGHEST: Final = 0.14
-"""Nothing is put on what is higher than this (m)."""
+"""Largest height of an object that others are stacked on, m."""
 _CEILING: Final = 0.8
 """Nothing is dropped from higher than this (m)."""
 _SPREAD: Final = (0.14, 0.24)
-"""Radius (m) of the patch of table on which the things begin."""
+"""Radius of the patch of table with the initial positions, m."""
 
 
 class SynthesisError(GrsError):
@@ -42,22 +42,22 @@ class SynthesisError(GrsError):
 
 @dataclass(frozen=True)
 class RestingObject:
-    """A thing at rest: its asset, and its pose (position in m, rotation xyzw) in the robot frame."""
+    """An object at rest: its asset, and its pose (position in m, rotation xyzw) in the robot frame."""
 
     asset: str
     pose: Pose
 
 
 def settle_heap(assets: Sequence[str], library: Library, rng: np.random.Generator) -> tuple[RestingObject, ...]:
-    """Let things fall into a heap around `CENTER` and come to rest.
+    """Drop objects into a heap around `CENTER` and let them come to rest.
 
     Args:
-        assets: one name for each thing.
-        library: where they are looked up.
+        assets: a name for each object.
+        library: of the assets.
         rng: source of the arrangement.
 
     Raises:
-        SynthesisError: in none of some arrangements everything stayed on the heap.
+        SynthesisError: in every arrangement tried, an object left the heap.
     """
     for _ in range(_ATTEMPTS):
         dropped = _arranged(assets, library, rng)
@@ -70,10 +70,10 @@ def settle_heap(assets: Sequence[str], library: Library, rng: np.random.Generato
 
 
 def _arranged(assets: Sequence[str], library: Library, rng: np.random.Generator) -> list[InstanceObject]:
-    """Poses in which nothing touches, each thing above what it will rest on; the widest things come first.
+    """Poses without contact, each object above its later support; the widest objects come first.
 
     Returns:
-        None of them where they would be piled up too high.
+        None if they would be piled up too high.
     """
     widest = sorted(range(len(assets)), key=lambda index: -float(np.prod(library.asset(assets[index]).size[:2])))
     spread = float(rng.uniform(*_SPREAD))
@@ -124,7 +124,7 @@ def _spot(
     upper: bool,
     rng: np.random.Generator,
 ) -> tuple[float, float]:
-    """Where a thing goes: near the middle where it is free, or over another thing."""
+    """Position of an object: near the middle if free, or over another object."""
     if upper:
         least, most, _ = placed[int(rng.integers(len(placed)))]
         x, y, _ = least + (most - least) * rng.uniform(0.35, 0.65, 3)
@@ -165,7 +165,7 @@ def _settled(items: Sequence[InstanceObject], library: Library) -> list[Pose] | 
 
 
 def _prepare(world: World) -> None:
-    """Take the robot out of the way, and let what rolls come to rest."""
+    """Remove the robot, and add damping so that rolling objects come to rest."""
     model = world.model
     owners = np.asarray(world.owners)
     robot = owners < 0

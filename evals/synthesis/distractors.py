@@ -1,4 +1,4 @@
-"""Things that the library does not hold, of random shape, size and colour: what a matcher has to leave alone."""
+"""Distractors: objects of random shape, size and colour that the library lacks, and a matcher must leave unmatched."""
 
 import colorsys
 from collections.abc import Callable, Sequence
@@ -25,7 +25,7 @@ _HERE: Vec3 = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class ShapeDraft:
-    """A shape before it is an asset: what is seen and what touches (primitives or convex meshes), around its centre."""
+    """A shape before it is an asset: visuals and colliders (primitives or convex meshes), around its centre."""
 
     seen: Sequence[Shape | Mesh]
     solid: Sequence[Shape | Mesh]
@@ -34,7 +34,7 @@ class ShapeDraft:
 
 
 def build_distractors(count: int, rng: np.random.Generator) -> list[BuiltAsset]:
-    """``count`` random things, named ``"distractor/<kind>_<number>.urdf"``."""
+    """``count`` random objects, named ``"distractor/<kind>_<number>.urdf"``."""
     return [_build(number, rng) for number in range(count)]
 
 
@@ -90,7 +90,7 @@ def _cone(rng: np.random.Generator) -> ShapeDraft:
 
 
 def _pebble(rng: np.random.Generator) -> ShapeDraft:
-    """The convex hull of points on an ellipsoid: every three of which the plane has all others on one side."""
+    """The convex hull of points on an ellipsoid: triangles whose plane has all other points on the same side."""
     points = rng.normal(size=(24, 3))
     points *= rng.uniform(0.02, 0.05, 3) / np.linalg.norm(points, axis=1, keepdims=True)
     faces = np.array(list(combinations(range(len(points)), 3)))

@@ -1,6 +1,6 @@
-"""What a camera sees of things in a room: colours, exact depth, labels and materials, without any graphics library.
+"""Rendering of objects in a room: colours, exact depth, labels and materials, without a graphics library.
 
-The same scene gives the same picture on every machine, which a graphics driver would not promise.
+The same scene gives the same picture on every machine, which graphics drivers do not guarantee.
 """
 
 from collections.abc import Sequence
@@ -28,15 +28,15 @@ _GLOSS = 40.0
 
 @dataclass(frozen=True)
 class PerfectImage:
-    """The perfect picture.
+    """The noise-free picture.
 
     Attributes:
-        rgb: (H, W, 3) red, green, blue in 0..1, antialiased unless they are large.
+        rgb: (H, W, 3) red, green, blue in 0..1, antialiased unless the picture is large.
         depth: (H, W) m along the optical axis at the pixels' centres.
-        labels: (H, W) 1 for the first thing, and so on; 0 for the room.
-        cosine: (H, W) of the angle between the surface and the ray, 1 = seen straight on.
-        albedo: (H, W) how bright the surface is, 0..1.
-        shiny: (H, W) whether it mirrors.
+        labels: (H, W) 1 for the first object, and so on; 0 for the room.
+        cosine: (H, W) of the angle of incidence, 1 = frontal.
+        albedo: (H, W) of the surface, 0..1.
+        shiny: (H, W) mask of specular surfaces.
     """
 
     rgb: Floats
@@ -48,13 +48,13 @@ class PerfectImage:
 
 
 def draw_scene(triangles: Triangles, scenery: Scenery, camera: Camera, shiny: Sequence[int] = ()) -> PerfectImage:
-    """Draw things in a room.
+    """Render objects in a room.
 
     Args:
-        triangles: the things.
+        triangles: the objects.
         scenery: the room and its light.
         camera: with ``T_robot_cam``.
-        shiny: labels of the things that mirror.
+        shiny: labels of specular objects.
     """
     exact = _draw(triangles, scenery, camera, shiny)
     if camera.width * camera.height > _LARGE:
@@ -79,7 +79,7 @@ def upscaled(camera: Camera, times: int) -> Camera:
 
 
 def unoccluded_mask(triangles: Triangles, camera: Camera) -> Bools:
-    """(H, W) where the things would be seen if nothing hid them."""
+    """Returns: mask (H, W) of the objects without occlusion."""
     return _rasterised(triangles, camera).triangle >= 0
 
 
@@ -94,14 +94,14 @@ def rays_of(camera: Camera) -> tuple[Floats, Floats]:
 
 
 def triangles_of(triangles: Triangles, owner: int) -> Triangles:
-    """The triangles of one thing."""
+    """The triangles of an object."""
     mine = triangles.owner == owner
     parts = {name: getattr(triangles, name)[mine] for name in ("corners", "normals", "uvs", "colors", "texture")}
     return replace(triangles, owner=triangles.owner[mine], **parts)
 
 
 def join_triangles(first: Triangles, second: Triangles) -> Triangles:
-    """Both, where the second ones have no textures."""
+    """Both, if the second triangles have no textures."""
     names = ("corners", "normals", "uvs", "colors", "texture", "owner")
     return replace(first, **{name: np.concatenate([getattr(first, name), getattr(second, name)]) for name in names})
 
@@ -195,7 +195,7 @@ def _lit(triangles: Triangles, points: Floats, normals: Floats, light: Light) ->
 
 
 def _shaded(albedo: Floats, normals: Floats, units: Floats, lit: Floats, mirror: Bools, light: Light) -> Floats:
-    """(N, 3) colours: light from all around and from the lamp, with a highlight where a thing mirrors."""
+    """Colours (N, 3): ambient light and the lamp's, with a highlight on specular objects."""
     facing = np.where((_products(units, normals) > 0)[:, None], -normals, normals)
     around = (0.75 + 0.25 * facing[:, 2])[:, None] * light.sky
     lamp = np.clip(dot_products(facing, light.direction), 0, 1) * lit

@@ -18,16 +18,16 @@ SIDE = 512
 
 @dataclass(frozen=True)
 class Label:
-    """How one package is printed. Colours are ``rrggbb``.
+    """The print of a package. Colours are ``rrggbb``.
 
     Attributes:
-        lines: the printed name, one word or two a line.
+        lines: the printed name, a word or two per line.
         base, band, text: background, the bands above and below, the letters.
         motif, spot: the drawing and its colour.
-        body: what shows above and below the label (a bottle's plastic, a can's metal).
+        body: colour above and below the label (a bottle's plastic, a can's metal).
         cap: lid and top.
-        span: where on the height (0..1) the label lies.
-        lid: height fraction from which the side is the lid.
+        span: vertical extent of the label on the height (0..1).
+        lid: height fraction at which the lid begins.
     """
 
     lines: tuple[str, ...]

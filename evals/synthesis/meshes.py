@@ -22,7 +22,7 @@ STRIP = 0.75
 
 @dataclass(frozen=True)
 class Mesh:
-    """Triangles with one texture coordinate for each corner.
+    """Triangles with texture coordinates for each corner.
 
     Attributes:
         vertices: (N, 3) m.
@@ -77,11 +77,11 @@ def superellipse(exponent: float = 2.0, count: int = 32) -> Floats:
 
 
 def loft(outline: Floats, rings: Sequence[Vec3]) -> Mesh:
-    """A closed solid whose side goes through scaled copies of one outline.
+    """A closed solid through scaled copies of an outline.
 
     Args:
         outline: (N, 2) convex polygon, counter-clockwise.
-        rings: (half width x, half width y, z) of each copy in m, in the order in which the side passes them.
+        rings: (half width x, half width y, z) of each copy in m, in the order along the side.
     """
     sections = [np.column_stack([outline * (x, y), np.full(len(outline), z)]) for x, y, z in rings]
     widest = outline * np.max([ring[:2] for ring in rings], axis=0)
@@ -189,8 +189,8 @@ def wedges(outer: Floats, inner: Floats, each: int) -> list[Floats]:
 
     Args:
         outer: the outer edge.
-        inner: the inner edge, of as many corners.
-        each: how many sides of the outer edge one piece has; N is a multiple of it. Its inner side is one chord.
+        inner: the inner edge, with as many corners.
+        each: sides of the outer edge per piece; N is a multiple of it. The inner side of a piece is a single chord.
     """
     starts = range(0, len(outer), each)
     closed = np.vstack([outer, outer[:1]]), np.vstack([inner, inner[:1]])

@@ -15,7 +15,7 @@ _WALL = 0.0035
 
 @dataclass(frozen=True)
 class MugParts:
-    """What a mug is made of, around the centre of its box; its handle points to +x. Lengths in m."""
+    """The parts of a mug, around the centre of its box; its handle points to +x. Lengths in m."""
 
     body: Mesh
     handle: Mesh

@@ -86,16 +86,16 @@ FORMS: dict[str, PackageForm] = {
 
 @dataclass(frozen=True)
 class Package:
-    """One package, and how it is printed.
+    """A package with its print.
 
     Attributes:
-        folder: of the library that holds it.
+        folder: of its library.
         kind: its name there.
         form: one of `FORMS`.
         size: extents x, y, z in m, upright.
         density: of the whole package, kg/m^3.
         color: dominant colour.
-        look: what a person would call it.
+        look: a person's words for it.
         label: its print.
     """
 

@@ -70,7 +70,7 @@ def _fatness(corners: Floats) -> float:
 
 
 def _joints(outline: Floats, pieces: list[Corners]) -> list[tuple[Corners, Corners, Corners]]:
-    """Every two pieces with a common side and what they make together, the longest side first."""
+    """Pairs of pieces with a common side and their union, the longest side first."""
     found: list[tuple[float, Corners, Corners, Corners]] = []
     sides = {(piece[at - 1], piece[at]): (piece, at) for piece in pieces for at in range(len(piece))}
     for (start, end), (first, at) in sides.items():

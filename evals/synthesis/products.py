@@ -28,11 +28,11 @@ _DENSITY = 700.0
 
 
 def build_products(count: int, library: Library, rng: np.random.Generator) -> list[BuiltAsset]:
-    """``count`` random products; every form and the mug come before one comes again.
+    """``count`` random products; every form and the mug occur before any is repeated.
 
     Args:
-        count: how many.
-        library: whose products they resemble in form and size.
+        count: their number.
+        library: of the products that they resemble in form and size.
         rng: source of everything random.
     """
     forms = [str(form) for _ in range(-(-count // (len(FORMS) + 1))) for form in rng.permutation([*FORMS, "mug"])]
@@ -43,7 +43,7 @@ def build_products(count: int, library: Library, rng: np.random.Generator) -> li
 
 
 def _package(kind: str, form: str, library: Library, rng: np.random.Generator) -> Package:
-    """A package as large as one of the library's, or somewhat larger or smaller."""
+    """A package of the size of a library's, or somewhat larger or smaller."""
     sizes: Sequence[Vec3] = [asset.size for asset in library.everyday_assets() if asset.category == form]
     like, times = sizes[int(rng.integers(len(sizes)))], rng.uniform(0.8, 1.25, 3)
     scale = times if rng.random() < 0.5 else np.ones(3)
@@ -71,7 +71,7 @@ def _package(kind: str, form: str, library: Library, rng: np.random.Generator) -
 
 
 def _mug(kind: str, rng: np.random.Generator) -> BuiltAsset:
-    """A mug of one colour, wider or narrower and higher or lower than the library's."""
+    """A mug in a single colour, wider or narrower and higher or lower than the library's."""
     radius, height, reach = (float(value) for value in rng.uniform((0.032, 0.07, 0.024), (0.047, 0.115, 0.036)))
     parts = mug_parts(radius, height, reach)
     red, green, blue = (int(text, 16) / 255 for text in _pairs(_print_color(rng)))

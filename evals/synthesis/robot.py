@@ -29,14 +29,14 @@ _SECTIONS = 24
 def free_postures(
     arm: Arm, items: Sequence[InstanceObject], library: Library, count: int, rng: np.random.Generator
 ) -> list[FloatArray]:
-    """Up to ``count`` random joint positions (dof,) at which the arm meets neither things, nor the table, nor itself.
+    """Up to ``count`` random joint positions (dof,) without collision of the arm with objects, table or itself.
 
     Args:
-        arm: whose base is at the origin of the robot frame.
-        items: the things, at their poses.
-        library: where their assets are.
-        count: how many are wanted.
-        rng: source of the tip's places and the tool's tilts.
+        arm: with its base at the origin of the robot frame.
+        items: the objects, at their poses.
+        library: of their assets.
+        count: largest number of positions.
+        rng: source of the tip's positions and the tool's tilts.
     """
     world = build_world(items, library, arm=arm)
     reset_world_to_poses(world, items)
@@ -60,7 +60,7 @@ def free_postures(
 
 
 def robot_triangles(arm: Arm, joints: FloatArray, owner: int) -> Triangles:
-    """What is seen of the arm at joint positions (dof,), as triangles of ``owner`` in the robot frame."""
+    """The arm's visuals at joint positions (dof,), as triangles of ``owner`` in the robot frame."""
     stage = Stage(Props((), arm=arm, dressed=False), Library())
     stage.set_joint_positions(joints)
     stage.update()

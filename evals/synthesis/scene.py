@@ -54,21 +54,21 @@ _ROBOT_HIDES = 0.45
 _NEAREST = 0.1
 """Nothing of the robot is nearer to the camera (m)."""
 LOWEST_TILT_OVER_WALLS = 40.0
-"""Degrees: from lower, walls hide what is behind them."""
+"""Least downward tilt over walls, degrees: from lower, walls occlude the objects."""
 
 
 class Recipe(Frozen):
-    """What a scene is made from; the same recipe makes the same files.
+    """The recipe of a scene; the same recipe makes the same files.
 
     Attributes:
         seed: of everything random.
-        objects: how many things there are.
-        distractors: how many of them are of random shape, which the library does not hold.
-        absent: how many of them are products that look like the library's, which it does not hold either.
+        objects: number of objects.
+        distractors: number of them with a random shape, which the library lacks.
+        absent: number of them that are products resembling the library's, which it lacks too.
         arm: the robot is in the picture, at random joints.
         walls: a bin is around the objects.
-        tilt: how far the camera looks down, degrees.
-        sensor: which noise the depth has.
+        tilt: downward tilt of the camera, degrees.
+        sensor: noise model of the depth.
         width, height: of the pictures, pixels.
     """
 
@@ -86,16 +86,16 @@ class Recipe(Frozen):
 
 @dataclass(frozen=True)
 class SynthesisedScene:
-    """A made scene.
+    """A synthesised scene.
 
     Attributes:
-        recipe: what it was made from.
+        recipe: its recipe.
         camera: calibrated.
         rgb: (H, W, 3) uint8.
         depth: (H, W) m, 0 = not measured.
-        seen: the perfect picture; its labels are the truth.
-        truth: what stands where.
-        robot, walls: (H, W) where these are seen.
+        seen: the noise-free picture; its labels are the truth.
+        truth: objects and poses.
+        robot, walls: (H, W) masks of these.
     """
 
     recipe: Recipe
@@ -149,7 +149,7 @@ def recipes(count: int, seed: int = 0, like: Recipe | None = None) -> tuple[Reci
 
 @dataclass(frozen=True)
 class _Arranged:
-    """Things at rest and what they are; triangles of them, of the walls and of the robot, in this order of owners; and
+    """Objects at rest and their ground truth; triangles of objects, walls and robot, in this order of owners; and
     the camera."""
 
     resting: Sequence[RestingObject]
@@ -192,7 +192,7 @@ def synthesise(recipe: Recipe, library: Library) -> SynthesisedScene:
 
 
 def _arranged(recipe: Recipe, library: Library, folder: Path, rng: np.random.Generator) -> _Arranged:
-    """Things at rest, walls around them, the arm above, and where the camera stands; ``folder`` takes their assets."""
+    """Objects at rest, walls around them, the arm above, and the camera's pose; ``folder`` receives their assets."""
     strange = build_distractors(recipe.distractors, rng) + build_products(recipe.absent, library, rng)
     names = write_assets(folder / "strange", strange)
     both = library.copy_with_overlay_root(folder / "strange")
@@ -225,7 +225,7 @@ def _arranged(recipe: Recipe, library: Library, folder: Path, rng: np.random.Gen
 
 
 def _shows_robot(robot: Triangles, others: Triangles, camera: Camera) -> bool:
-    """Whether something of the robot is in the picture, and most of what else is there is seen."""
+    """Whether a part of the robot is in the picture, and most of everything else is visible."""
     pose = np.asarray(camera.T_robot_cam, np.float64)
     if ((robot.corners - pose[:3, 3]) @ pose[:3, 2]).min() < _NEAREST:
         return False
@@ -234,7 +234,7 @@ def _shows_robot(robot: Triangles, others: Triangles, camera: Camera) -> bool:
 
 
 def _chosen(count: int, library: Library, rng: np.random.Generator) -> list[str]:
-    """Different things of the library, cubes counting as one, for as long as there are enough."""
+    """Different objects of the library, cubes counting as a single kind, as long as there are enough."""
     things = [asset for asset in library.everyday_assets() if asset.category != "proxy"]
     groups: dict[str, list[str]] = {}
     for asset in things:

@@ -1,4 +1,4 @@
-"""What is around the objects: a table in a room, what their surfaces look like, and the light."""
+"""The surroundings of the objects: a table in a room, the appearance of their surfaces, and the light."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -67,7 +67,7 @@ class Surface:
 
 
 def dot_products(vectors: Floats, other: Floats) -> Floats:
-    """(N,) scalar products of (N, 3) vectors with one; ten times as fast as a matrix product so narrow."""
+    """Scalar products (N,) of vectors (N, 3) with a vector; ten times as fast as a matrix product of this shape."""
     return vectors[:, 0] * other[0] + vectors[:, 1] * other[1] + vectors[:, 2] * other[2]
 
 
@@ -76,7 +76,7 @@ def bilinear(image: Floats, texels: Floats) -> Floats:
     count, height, width = len(texels), image.shape[0], image.shape[1]
     places = np.zeros((max(1, -(-count // _ROW)) * _ROW, 2), np.float32)
     places[:count] = texels % (width, height)
-    columns, rows = places.T.reshape(2, -1, _ROW)  # OpenCV takes no picture of one long row
+    columns, rows = places.T.reshape(2, -1, _ROW)  # OpenCV refuses a picture of a single long row
     sampled = cv2.remap(image.astype(np.float32), columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
     return np.asarray(sampled, np.float64).reshape(-1, image.shape[2])[:count]
 

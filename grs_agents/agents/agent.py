@@ -30,8 +30,8 @@ from grs_agents.base.foreign.run_folder import resolve_member_file
 from grs_agents.base.trace.events import Note, Prompt, Reply
 from grs_agents.base.trace.log import EventLog, read_events
 from grs_agents.models.answer import Answer, ReplyProblem
+from grs_agents.models.call import invoke_with_retries
 from grs_agents.models.factory import is_offline, make_chat_model, make_retries
-from grs_agents.models.retry import invoke_with_retries
 
 if TYPE_CHECKING:  # LangChain takes long to import, and a check of programs may ask nobody
     from langchain_core.language_models.chat_models import BaseChatModel
@@ -44,7 +44,7 @@ IMAGE_SIDES = (256, 1024)
 
 @dataclass
 class Agents:
-    """The models by role, what they may cost, and the log of all they were asked."""
+    """Chat models by role, their budget, and the log of their exchanges."""
 
     config: Config  # names the model, the prompt and the retries of each role
     log: EventLog
@@ -57,7 +57,7 @@ class Agents:
 
     @classmethod
     def resume_from_log(cls, config: Config, log: EventLog, folder: Path) -> "Agents":
-        """Agents that go on where the log ends: what its last node was told already is not asked again."""
+        """Resume at the end of the log: replies to its last node are used again."""
         events = read_events(log.path)
         cassette = read_cassette(config.cassette).remaining_replies(events) if config.cassette else None
         return cls(config, log, folder, collect_last_node_replies(events), cassette)
@@ -79,20 +79,20 @@ class Agents:
         images: Sequence[str] = (),
         prompt_of: str | None = None,
     ) -> Parsed | NoReply:
-        """Ask ``role`` and parse its reply; a reply that does not parse is asked for again with the error.
+        """Ask ``role`` and parse its reply; a reply that does not parse is requested again, with the error.
 
         Args:
             role: one of the agent roles.
             values: the prompt's variables.
             parse: raises ``ReplyError`` on a reply of the wrong form.
             images: picture files relative to the run folder, sent before the text in this order.
-            prompt_of: the role whose prompt it is given, where that is another's.
+            prompt_of: the role whose prompt is used, if another.
         """
         from langchain_core.messages import AIMessage, HumanMessage
 
-        told = prompt_of or role
-        file = content.content_path("prompts", getattr(self.config.prompts, told))
-        text = render_prompt_template(file, told, values)
+        prompt_role = prompt_of or role
+        file = content.content_path("prompts", getattr(self.config.prompts, prompt_role))
+        text = render_prompt_template(file, prompt_role, values)
         blocks: list[str | dict[Any, Any]] = [
             image_block_from_file(resolve_member_file(self.folder, image)) for image in images
         ]
@@ -137,16 +137,18 @@ class Agents:
             shown = pictures if len(messages) == 1 else ()
             self.log.append(Prompt(call=call, role=role, model=spec.model, text=text, images=shown, digest=digest))
             if recorded is None:
-                reply = self._request_reply(role, spec, call, ask or (lambda: self._ask_model(role, spec, messages)))
+                reply = self._request_reply(
+                    role,
+                    spec,
+                    call,
+                    ask or (lambda: invoke_with_retries(self.chat_model_for_role(role), messages, make_retries(spec))),
+                )
             else:
                 reply = self._append_reply(recorded.model_copy(update={"call": call}))
         return (None, reply.error) if reply.error else (reply.text, "")
 
-    def _ask_model(self, role: str, spec: ModelConfig, messages: Sequence["BaseMessage"]) -> Answer:
-        return invoke_with_retries(self.chat_model_for_role(role), messages, make_retries(spec))
-
     def _request_reply(self, role: str, spec: ModelConfig, call: str, ask: Callable[[], Answer]) -> Reply:
-        """What the model answers, usable or not; it is in the log, as is why there is none."""
+        """Ask the model; its answer, usable or not, or its error is appended to the log."""
         begin = time.perf_counter()
         answer, error, answered = Answer(""), "", True
         try:

@@ -26,8 +26,8 @@ from grs_agents.library.colors import main_color_names
 from grs_agents.library.contact_sheets import composite_over_white
 from grs_agents.library.library import Library
 from grs_agents.models.answer import ReplyProblem
+from grs_agents.models.call import invoke_with_retries
 from grs_agents.models.factory import make_retries
-from grs_agents.models.retry import invoke_with_retries
 
 PROMPT = "describe_asset"
 _REPLY_TOKENS = 120
@@ -36,7 +36,7 @@ _TRIES = 3
 
 
 class AssetDescription(ModelReply):
-    """What a model says of an asset."""
+    """A model's description of an asset."""
 
     description: str = Field(min_length=1, max_length=2000)
     color: str = Field(min_length=1, max_length=40)
@@ -44,21 +44,21 @@ class AssetDescription(ModelReply):
 
 
 class DescribedAsset(Frozen):
-    """A description with where it comes from, as it is kept beside the asset."""
+    """A description with its provenance, as stored beside the asset."""
 
     asset: str
-    words: AssetDescription  # what the model said
+    words: AssetDescription  # as the model replied
     model: str  # who said it
     prompt: str  # SHA-256 of the prompt's template
-    content: str  # SHA-256 of what was described; another makes the description out of date
+    content: str  # SHA-256 of the asset's content; another value makes the description out of date
     date: str  # ISO 8601, UTC
     input_tokens: int = 0  # as the provider counted them
     output_tokens: int = 0
 
 
 @dataclass(frozen=True)
-class Plan:
-    """What a description of assets comes to before it starts."""
+class DescriptionPlan:
+    """Assets to describe, and the estimated cost."""
 
     todo: tuple[Asset, ...]
     done: tuple[DescribedAsset, ...]  # those that were described before by the same model with the same prompt
@@ -66,8 +66,8 @@ class Plan:
     output_tokens: int
 
 
-def select_assets_to_describe(root: Path, assets: Sequence[Asset], model: str, again: bool = False) -> Plan:
-    """What there is to describe in the library ``root``, and about how many tokens that takes."""
+def select_assets_to_describe(root: Path, assets: Sequence[Asset], model: str, again: bool = False) -> DescriptionPlan:
+    """Select the assets of the library ``root`` to describe, with an estimate of the tokens."""
     prompt = _prompt_hash()
     todo: list[Asset] = []
     done: list[DescribedAsset] = []
@@ -84,7 +84,7 @@ def select_assets_to_describe(root: Path, assets: Sequence[Asset], model: str, a
             todo.append(asset)
     template = content.content_path("prompts", PROMPT).read_text("utf-8")
     tokens = len(template) // 4 + 60 + RANDOM_VIEWS * RANDOM_VIEW_SIZE**2 // _PIXELS_PER_TOKEN
-    return Plan(tuple(todo), tuple(done), tokens * len(todo), _REPLY_TOKENS * len(todo))
+    return DescriptionPlan(tuple(todo), tuple(done), tokens * len(todo), _REPLY_TOKENS * len(todo))
 
 
 def describe_assets(
@@ -95,14 +95,42 @@ def describe_assets(
     spec: ModelConfig,
     warn: Callable[[str], None],
 ) -> Iterator[tuple[Asset, DescribedAsset | None]]:
-    """Describe assets, each kept on disk before the next is asked for; None where the model gave no usable reply."""
+    """Describe assets; each description is stored before the next request. None if the model gave no usable reply."""
     for asset in todo:
-        described = _describe_asset(library, asset, model, spec, warn)
-        if described is None:
+        views = render_random_views(library, asset.name)
+        facts = {
+            "file_name": Path(asset.name).stem,
+            "size_m": [round(extent, 3) for extent in asset.size],
+            "colors": visible_color_names(views),
+            "hollow": asset.hollow,
+        }
+        text = render_prompt_template(content.content_path("prompts", PROMPT), PROMPT, {"facts": json.dumps(facts)})
+        blocks: list[str | dict[Any, Any]] = [
+            image_block_from_array(composite_over_white(view)[:, :, ::-1]) for view in views
+        ]
+        message = HumanMessage(content=[*blocks, {"type": "text", "text": text}])
+        for _ in range(_TRIES):
+            try:
+                answer = invoke_with_retries(model, [message], make_retries(spec))
+                words = parse_json(answer.text, AssetDescription)
+            except (ReplyProblem, ReplyError) as error:
+                warn(f"{asset.name}: {error}")
+                continue
+            described = DescribedAsset(
+                asset=asset.name,
+                words=words,
+                model=spec.model,
+                prompt=_prompt_hash(),
+                content=_asset_content_hash(asset),
+                date=datetime.now(UTC).isoformat(timespec="seconds"),
+                input_tokens=answer.input_tokens,
+                output_tokens=answer.output_tokens,
+            )
+            write_json(description_file_path(root, asset.name), described.model_dump(mode="json"))
+            yield replace_asset_description(asset, words), described
+            break
+        else:
             yield asset, None
-            continue
-        write_json(description_file_path(root, asset.name), described.model_dump(mode="json"))
-        yield replace_asset_description(asset, described.words), described
 
 
 def replace_asset_description(asset: Asset, words: AssetDescription) -> Asset:
@@ -113,52 +141,17 @@ def replace_asset_description(asset: Asset, words: AssetDescription) -> Asset:
 
 
 def description_file_path(root: Path, name: str) -> Path:
-    """Where the description of an asset is kept."""
+    """File in which the description of an asset is kept."""
     urdf = root / name
     return urdf.parent / "descriptions" / f"{urdf.stem}.json"
 
 
 def read_saved_description(root: Path, name: str) -> DescribedAsset | None:
-    """The description that is kept of an asset; None where there is none or it cannot be read."""
+    """The stored description of an asset; None if there is none, or it cannot be read."""
     try:
         return DescribedAsset.model_validate_json(description_file_path(root, name).read_text("utf-8"))
     except (OSError, ValidationError, UnicodeDecodeError):
         return None
-
-
-def _describe_asset(
-    library: Library, asset: Asset, model: BaseChatModel, spec: ModelConfig, warn: Callable[[str], None]
-) -> DescribedAsset | None:
-    views = render_random_views(library, asset.name)
-    facts = {
-        "file_name": Path(asset.name).stem,
-        "size_m": [round(extent, 3) for extent in asset.size],
-        "colors": visible_color_names(views),
-        "hollow": asset.hollow,
-    }
-    text = render_prompt_template(content.content_path("prompts", PROMPT), PROMPT, {"facts": json.dumps(facts)})
-    blocks: list[str | dict[Any, Any]] = [
-        image_block_from_array(composite_over_white(view)[:, :, ::-1]) for view in views
-    ]
-    message = HumanMessage(content=[*blocks, {"type": "text", "text": text}])
-    for _ in range(_TRIES):
-        try:
-            answer = invoke_with_retries(model, [message], make_retries(spec))
-            words = parse_json(answer.text, AssetDescription)
-        except (ReplyProblem, ReplyError) as error:
-            warn(f"{asset.name}: {error}")
-            continue
-        return DescribedAsset(
-            asset=asset.name,
-            words=words,
-            model=spec.model,
-            prompt=_prompt_hash(),
-            content=_asset_content_hash(asset),
-            date=datetime.now(UTC).isoformat(timespec="seconds"),
-            input_tokens=answer.input_tokens,
-            output_tokens=answer.output_tokens,
-        )
-    return None
 
 
 def visible_color_names(views: Sequence[AssetView]) -> list[str]:
@@ -171,6 +164,6 @@ def _prompt_hash() -> str:
 
 
 def _asset_content_hash(asset: Asset) -> str:
-    """What makes a description out of date: other source files, another size."""
+    """Hash of the source files and the size, which make a description out of date."""
     source = asset.origin.content if asset.origin is not None else ""
     return hashlib.sha256(f"{asset.name} {asset.size} {source}".encode()).hexdigest()

@@ -1,7 +1,7 @@
-"""The example programs: what each shows, and which of them are nearest to a task.
+"""The example programs, and the selection of those nearest to a task.
 
-An example is a simulation program in ``prompts/examples``. Its module docstring begins with its family, a colon and
-what it shows: ``Stacking: a tower on a stand that lies anywhere``.
+An example is a simulation program in ``prompts/examples``. Its module docstring begins with its family, a colon and its
+subject: ``Stacking: a tower on a stand that lies anywhere``.
 """
 
 import ast
@@ -17,18 +17,18 @@ from grs_agents.base.errors import InputError
 from grs_agents.base.python_parsing import parse_python
 
 _PER_FAMILY = 2
-"""Programs of one family among those chosen: a third of a kind shows little that is new."""
+"""Most programs of a family among the chosen examples: a third shows little that is new."""
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
 _ENDINGS = ("ing", "ed", "es", "s", "e")
 _SHORTEST = 3
 
 
 class Example(Frozen):
-    """One example program."""
+    """An example program."""
 
     name: str  # of its file, without the suffix
     family: str  # the kind of task, e.g. `"Stacking"`
-    shows: str  # what is to be learnt from it
+    shows: str  # its subject
     source: str
 
     @property
@@ -61,10 +61,10 @@ def read_examples(folder: Path) -> tuple[Example, ...]:
 def select_nearest_examples(
     examples: Sequence[Example], task: TaskDefinition, count: int, seed: int
 ) -> tuple[Example, ...]:
-    """The examples that share most with a task's name, description and assets, the nearest first.
+    """Select the examples nearest to a task's name, description and assets, the nearest first.
 
-    A shared word counts the more, the fewer examples have it (cosine of tf-idf). At most two are of one family. Where
-    examples are equally near, the seed decides.
+    Similarity is the cosine of tf-idf vectors. At most two examples are of the same family. Ties are broken by the
+    seed.
     """
     bags = [example.word_stem_counts for example in examples]
     having = Counter(word for bag in bags for word in bag)
@@ -90,11 +90,10 @@ def _tfidf_cosine_similarity(first: Counter[str], second: Counter[str], rarity: 
 
 
 def _count_word_stems(texts: Iterable[str]) -> Counter[str]:
-    """Words without their endings, so that "stacking", "stacked" and "stack" are one; CamelCase is taken apart."""
-    return Counter(_stem_word(word.lower()) for text in texts for word in _WORD.findall(text))
-
-
-def _stem_word(word: str) -> str:
-    word = word.replace("colour", "color")
-    ending = next((ending for ending in _ENDINGS if word.endswith(ending)), "")
-    return word.removesuffix(ending) if len(word) - len(ending) >= _SHORTEST else word
+    """Count words without their endings, so that "stacking", "stacked" and "stack" are equal; CamelCase is split."""
+    stems = Counter[str]()
+    for word in (word for text in texts for word in _WORD.findall(text)):
+        spelt = word.lower().replace("colour", "color")
+        ending = next((ending for ending in _ENDINGS if spelt.endswith(ending)), "")
+        stems[spelt.removesuffix(ending) if len(spelt) - len(ending) >= _SHORTEST else spelt] += 1
+    return stems

@@ -20,8 +20,8 @@ class PromptTemplate(Frozen):
 
     role: str  # the agent that is asked
     inputs: tuple[str, ...]  # exactly the variables of the text
-    reply: ReplyForm  # what the reply ends with: a JSON object, a Python program or a verdict
-    text: str  # what the model reads, but for the variables
+    reply: ReplyForm  # form of the end of the reply: a JSON object, a Python program or a verdict
+    text: str  # the prompt, with variables
 
 
 def render_prompt_template(file: Path, role: str, values: Mapping[str, str]) -> str:

@@ -1,4 +1,4 @@
-"""Replies that were given before: to a run that was interrupted and goes on, or to a recorded one that is repeated."""
+"""Recorded replies: of an interrupted run that resumes, or of a cassette that is replayed."""
 
 import hashlib
 import json
@@ -24,14 +24,14 @@ _HALF = 32
 """Hexadecimal digits of each half of a prompt's digest."""
 _NUMBER = re.compile(r"(?<![A-Za-z_\d.])-?\d+(?:\.\d+)?(?:e-?\d+)?")
 _COPIED = {"role", "model", "finish_reason", "input_tokens", "output_tokens", "cached_tokens", "cost", "error"}
-"""What an exchange has of a reply as it is."""
+"""Fields that an exchange copies from a reply."""
 
 
 def digest_prompt(role: str, messages: Sequence["BaseMessage"], pictures: Sequence[str]) -> str:
-    """All that a reply depends on beside the model, as two halves of 32 hexadecimal digits.
+    """Digest of everything that a reply depends on besides the model, as two halves of 32 hexadecimal digits.
 
-    The first half is of the role, the words of all messages, and the pictures' names: it is the same on every machine.
-    The second half is of the numbers and pixels too, which another processor measures and renders a little differently.
+    The first half covers the role, the words of all messages and the pictures' names: it is equal on every machine. The
+    second half covers the numbers and pixels too, which another processor measures and renders a little differently.
     """
     words = [(message.type, _replace_numbers_with_hash_sign(str(message.text))) for message in messages]
     contents = [(message.type, message.content) for message in messages]
@@ -39,7 +39,7 @@ def digest_prompt(role: str, messages: Sequence["BaseMessage"], pictures: Sequen
 
 
 def digest_prompt_sections(text: str) -> dict[str, str]:
-    """The sections of a prompt by heading, each with a short digest of its words, to tell where two prompts differ."""
+    """Short digest of the words of each section of a prompt, by heading, to locate differences between prompts."""
     parts = (part.partition("\n") for part in re.split(r"^#+ ", text, flags=re.MULTILINE) if part.strip())
     return {heading.strip(): _sha256_of_json(_replace_numbers_with_hash_sign(body))[:8] for heading, _, body in parts}
 
@@ -87,23 +87,23 @@ def collect_last_node_replies(events: Sequence[Event]) -> RecordedReplies:
 
 
 def _pair_answered_prompts(events: Sequence[Event]) -> list[tuple[Prompt, Reply]]:
-    """The prompts that a model answered, each with its reply, in the order in which they were asked."""
+    """The prompts that a model answered, each with its reply, in order."""
     replies = {event.call: event for event in events if isinstance(event, Reply) and event.answered}
     prompts = (event for event in events if isinstance(event, Prompt) and event.digest)
     return [(prompt, replies[prompt.call]) for prompt in prompts if prompt.call in replies]
 
 
 def collect_model_replies(events: Sequence[Event]) -> RecordedReplies:
-    """The replies to all roles of a run but those of the offline model, which can be asked again.
+    """The replies to all roles of a run; the offline model is left out, since it can be asked again.
 
-    Of equal prompts the last comes first: what was audited twice was judged by what the model said the second time.
+    Of equal prompts the last comes first: a program that was audited twice was judged by the second reply.
     """
     pairs = [(prompt.digest, reply) for prompt, reply in _pair_answered_prompts(events) if not is_offline(prompt.model)]
     return RecordedReplies(reversed(pairs), tolerant=True)
 
 
 class Exchange(Frozen):
-    """A prompt, by its digests, and what the model replied."""
+    """A prompt, by its digests, and the model's reply."""
 
     role: str
     model: str  # who replied
@@ -120,7 +120,7 @@ class Exchange(Frozen):
 
 
 class Cassette(Frozen):
-    """A recorded run as one readable file."""
+    """A recorded run as a readable file."""
 
     about: str = "What models replied in a run of GRS. `grs run --cassette FILE` repeats the run without them."
     version: str  # of grs-agents
@@ -128,11 +128,11 @@ class Cassette(Frozen):
     settings: dict[str, Any]  # the configuration where it differs from the default; dotted key -> value
     status: str  # how the run ended
     reason: str
-    files: dict[str, str]  # what it made, relative to the run folder, each with a digest
+    files: dict[str, str]  # files of the run, relative to its folder, each with a digest
     exchanges: tuple[Exchange, ...]
 
     def remaining_replies(self, events: Sequence[Event]) -> RecordedReplies:
-        """The replies that were not given out in the attempts that ``events`` tell of."""
+        """The replies that were not used in the attempts of ``events``."""
         replies = [
             (item.digest, Reply(call="", text="\n".join(item.reply), **item.model_dump(include=_COPIED)))
             for item in self.exchanges
@@ -148,7 +148,7 @@ class MissingReply(InputError):
 
 
 def read_cassette(name: str) -> Cassette:
-    """The cassette in the file of this name, else the shipped one that is called so.
+    """Read the cassette from the file of this name, else the shipped cassette of this name.
 
     Raises:
         UnknownNameError: there is neither.
@@ -180,7 +180,8 @@ def collect_exchanges(events: Sequence[Event]) -> tuple[Exchange, ...]:
 
 
 def explain_missing_reply(name: str, role: str, text: str) -> MissingReply:
-    """Why the cassette has no reply to a prompt that ends with ``text``: its nearest prompt, and where that differs."""
+    """Explain why the cassette has no reply to a prompt that ends with ``text``: its nearest prompt, and their
+    differences."""
     sections = digest_prompt_sections(text).items()
     exchanges = [(number, item) for number, item in enumerate(read_cassette(name).exchanges, 1) if item.role == role]
     what = f"cassette {name!r} has no reply to this prompt of the role {role}"

@@ -1,16 +1,14 @@
-"""Parsers of what models reply: thoughts are cut, and the block that defines what is asked for is checked."""
+"""Parsers of model replies: cut thoughts, find the fenced block with the answer, and validate it."""
 
+import json
 import re
 import reprlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, Literal, TypeVar, cast
 
 from pydantic import BaseModel, ValidationError
 
-from grs_agents.agents.fences import FencedBlock, find_fenced_blocks
-from grs_agents.agents.thoughts import cut_thoughts
-from grs_agents.agents.tolerant_json import read_json_values
 from grs_agents.agents.types import RouterReply, Verdict
 from grs_agents.base.python_parsing import parse_python
 
@@ -18,7 +16,7 @@ Model = TypeVar("Model", bound=BaseModel)
 _PYTHON = re.compile(r"i?py(thon)?[\d.]*")
 _JSON = re.compile(r"(x-)?(nd)?json[\w-]*")
 _BARE_JSON = re.compile(r"^[ \t]*(?:<\w+>[ \t]*)?(?=\{|\[[ \t]*(?:\{|\n|\]))", re.MULTILINE)
-"""Where JSON outside of all blocks begins, perhaps after a tag such as ``<answer>``."""
+"""Begin of JSON outside of all blocks, perhaps after a tag such as ``<answer>``."""
 _VERDICTS: dict[str, Verdict] = {
     "fix_code": "fix_code",
     "fix_test": "fix_test",
@@ -28,15 +26,61 @@ _VERDICTS: dict[str, Verdict] = {
 _LONGEST = 2**20
 """Characters of a reply, thoughts included: some 250,000 tokens. Hostile text takes 3 s at most."""
 _MOST_PROBLEMS = 30
-"""Problems that one message tells. A reply about the segments of a photo has some 10 objects of 8 fields."""
+"""Most problems in a message. A reply about the segments of a photo has some 10 objects of 8 fields."""
+
+_THOUGHT_NAMES = "think|thinking|thoughts?|reasoning|antthinking|seed:think|mm:think"
+_THOUGHT_MARK = re.compile(
+    r"^[ \t]*(?P<fence>`{3,}|~{3,})(?=(?P<info>[^\n]*))"
+    rf"|(?P<open><(?:{_THOUGHT_NAMES})[ ]?>|(?-i:\[THINK\])|◁think▷|<\|START_THINKING\|>|<\|begin_of_thought\|>"
+    r"|<\|inner_prefix\|>|<\|channel>thought\b|<\|channel\|>(?:analysis|commentary)\b)"
+    rf"|(?P<close></(?:{_THOUGHT_NAMES})[ ]?>|(?-i:\[/THINK\])|◁/think▷|<\|END_THINKING\|>|<\|end_of_thought\|>"
+    r"|<\|inner_suffix\|>|<channel\|>|<\|channel\|>final\b(?:[^<\n]|<\|constrain\|>)*<\|message\|>)",
+    re.MULTILINE | re.IGNORECASE,
+)
+"""Fences of code, and the marks around thoughts: of DeepSeek, Qwen and most others; Seed-OSS, MiniMax, Magistral, Kimi,
+Cohere, OpenThinker, Apertus, Gemma and gpt-oss."""
+_UNMARKED = re.compile(
+    r"\s*(?:(?:assistant)?(?:analysis|commentary).*?)?assistantfinal"
+    r"|\s*Here(?:'s| is) my thought process:.*?Here(?:'s| is) my response:",
+    re.DOTALL,
+)
+"""Begin of a reply of gpt-oss without its special tokens, and of Granite."""
+_LEADING_TOKENS = re.compile(r"\s*(?:<\|\w{1,40}\|>(?:assistant\b)?\s*)+")
+_TRAILING_TOKENS = re.compile(r"(?:\s*(?:<[|｜][\w▁]{1,40}[|｜]>|</s>|<eos>|<end_of_turn>))+\s*\Z")
+_SEARCHED_TAIL = 200
+"""Characters at the end of a reply that special tokens are looked for in."""
+_QUOTES = ("'", '"', "`")
+_BLANK_REST = re.compile(r"[ \t]*(?:\n|\Z)")
+_FENCE = re.compile(r"^(?P<indent>[ \t]*)(?P<run>`{3,}|~{3,})(?P<info>[^\n]*)$", re.MULTILINE)
+_MOST_INDENT = 3
+"""Most columns of indent of a closing fence beyond its opening fence; a deeper fence belongs to the code."""
+_LANGUAGE = re.compile(r"[\w+#.-]*\w")
+_LONGEST_LANGUAGE = 100
+"""Characters of an info string that its first word is looked for in."""
+_TOKEN = re.compile(
+    r'"(?P<double>[^"\\]*(?:\\.[^"\\]*)*)"'
+    r"|'(?P<single>[^'\\]*(?:\\.[^'\\]*)*)'"
+    r"|(?P<comment>//[^\n]*|/\*.*?\*/|\#[^\n]*)"
+    r"|(?P<unclosed>[\"']|/\*)"
+    r"|(?P<word>[A-Za-z_$][\w$-]*)(?P<colon>[ \t]*:)?"
+    r"|(?P<space>\s+)|(?P<number>[\d.+-]+)|.",
+    re.DOTALL,
+)
+_LITERALS = {"True": "true", "False": "false", "None": "null", "undefined": "null"}
+_ESCAPED = re.compile(r'\\(.)|"', re.DOTALL)
+_NEXT_OBJECT = re.compile(r"\n[ \t]*(?=\{)")
+_MOST_FAILURES = 20
+"""Values that cannot be read, after which reading ends: each may cost as long as the whole text."""
+_SHOWN = 40
+"""Characters of invalid JSON that a message shows."""
 
 
 class ReplyError(ValueError):
-    """A reply that does not have the form asked for; the message tells the model what to mend."""
+    """A reply that does not have the required form; the message tells the model how to correct it."""
 
 
 def join_problems(problems: Sequence[str]) -> str:
-    """All ``problems`` in one line, if there are not too many."""
+    """Join ``problems`` in a line, up to ``_MOST_PROBLEMS``."""
     more = f"; and {len(problems) - _MOST_PROBLEMS} more" if len(problems) > _MOST_PROBLEMS else ""
     return "; ".join(problems[:_MOST_PROBLEMS]) + more
 
@@ -53,6 +97,16 @@ class JsonRow(Generic[Model]):
     def number(self) -> Any:
         """The ``id`` that it bears, if any."""
         return cast("dict[str, Any]", self.value).get("id") if isinstance(self.value, dict) else None
+
+
+@dataclass(frozen=True)
+class FencedBlock:
+    """A block of code in a text."""
+
+    language: str  # the first word of its info string, in lower case: ``python`` of ``{.Python title="a.py"}``
+    body: str  # as far as the text goes where no fence closes it
+    start: int  # where it begins and ends in the text, with its fences
+    end: int
 
 
 def parse_json(text: str, model: type[Model]) -> Model:
@@ -72,7 +126,7 @@ def parse_json(text: str, model: type[Model]) -> Model:
 
 
 def parse_json_rows(text: str, model: type[Model]) -> list[Model]:
-    """The JSON objects as ``read_json_rows`` finds them. Raises ReplyError: one of them is no ``model``."""
+    """Parse the JSON objects that ``read_json_rows`` finds. Raises ReplyError: an object is no ``model``."""
     rows = read_json_rows(text, model)
     if problems := list_problems(rows):
         raise ReplyError(join_problems(problems))
@@ -80,23 +134,23 @@ def parse_json_rows(text: str, model: type[Model]) -> list[Model]:
 
 
 def read_json_rows(text: str, model: type[Model]) -> list[JsonRow[Model]]:
-    """The JSON objects in all fenced blocks that hold such, or in the whole reply: one after the other, or an array.
+    """Read the JSON objects of all fenced blocks with JSON, or of the whole reply: a sequence, or an array.
 
-    An object of a later block takes the place of one of an earlier block with the same ``id``.
+    An object of a later block replaces that of an earlier block with the same ``id``.
 
     Raises:
         ReplyError: there is no JSON.
     """
     blocks = _read_blocks(text, model)
     rows: dict[Any, JsonRow[Model]] = {}
-    for block, found in enumerate(blocks):
-        for place, row in enumerate(found):
+    for block, block_rows in enumerate(blocks):
+        for place, row in enumerate(block_rows):
             rows[(block, place) if row.number is None or len(blocks) == 1 else str(row.number)] = row
     return list(rows.values())
 
 
 def list_problems(rows: Sequence[JsonRow[Any]]) -> list[str]:
-    """All problems of ``rows``; those of one among several name its place and ``id``."""
+    """All problems of ``rows``; of several rows, each problem names the place and ``id`` of its row."""
     if len(rows) == 1:
         return list(rows[0].problems)
     return [
@@ -107,20 +161,23 @@ def list_problems(rows: Sequence[JsonRow[Any]]) -> list[str]:
 
 
 def extract_python_program(text: str, base: Literal["Task", "TestCase"] = "Task") -> str:
-    """The Python program in the reply: of several blocks the one that defines a class with this base, then one tagged
-    as Python, then one without a tag; of equal ones the last. Its syntax is left to the tests: a broken program is a
-    version like any other, with a traceback that the router reads.
+    """Extract the Python program from a reply.
+
+    Of several blocks, that which defines a class with this base is preferred, then a block tagged as Python, then a
+    block without a tag; of equal blocks the last. Syntax is left to the tests: a broken program is a version like any
+    other, with a traceback that the router reads.
 
     Raises:
-        ReplyError: no block, or an empty one.
+        ReplyError: no block, or an empty block.
     """
     text = _cut_to_answer(text)
     if _is_python_source(text):
         return text.rstrip() + "\n"
     defines = re.compile(rf"^[ \t]*class[ \t]+\w+[ \t]*\([^)\n]*\b\w*{base}\b", re.MULTILINE)
-    ranked = [
-        (4 * bool(defines.search(block.body)) + _rank(block, _PYTHON), block) for block in find_fenced_blocks(text)
-    ]
+    ranked: list[tuple[int, FencedBlock]] = []
+    for block in _find_fenced_blocks(text):
+        tag = 2 if _PYTHON.fullmatch(block.language) else 0 if block.language else 1
+        ranked.append((4 * bool(defines.search(block.body)) + tag, block))
     best = max((rank for rank, _ in ranked), default=0)
     if not best:
         raise _missing_block_error(text, "python")
@@ -136,9 +193,9 @@ def extract_test_program(text: str) -> str:
 
 
 def parse_verdict(text: str) -> RouterReply:
-    """The verdict in the last block that holds one (paper, Listing 3). Raises ReplyError: none does."""
+    """Parse the verdict in the last block that holds a verdict (paper, Listing 3). Raises ReplyError: there is none."""
     text = _cut_to_answer(text)
-    blocks = list(find_fenced_blocks(text))
+    blocks = list(_find_fenced_blocks(text))
     verdicts = [said for block in blocks if (said := block.body.strip().strip("\"'`").lower()) in _VERDICTS]
     if not verdicts:
         raise ReplyError("end with a fenced block that holds exactly one of the verdicts, e.g. fix_code or fix_test")
@@ -148,17 +205,13 @@ def parse_verdict(text: str) -> RouterReply:
 
 
 def _cut_to_answer(text: str) -> str:
-    """What the reply says after all thoughts. Raises ReplyError: it says nothing, or far too much."""
+    """The answer after all thoughts. Raises ReplyError: it is empty, or far too long."""
     if len(text) > _LONGEST:
         raise ReplyError(f"the reply has {len(text):,} characters; at most {_LONGEST:,} are read")
-    answer = cut_thoughts(text)
+    answer = _cut_thoughts(text)
     if text.strip() and not answer.strip():
         raise ReplyError(f"the reply is thoughts alone, {len(text)} characters; answer after them")
     return answer
-
-
-def _rank(block: FencedBlock, language: re.Pattern[str]) -> int:
-    return 2 if language.fullmatch(block.language) else 0 if block.language else 1
 
 
 def _missing_block_error(text: str, language: str) -> ReplyError:
@@ -169,12 +222,12 @@ def _missing_block_error(text: str, language: str) -> ReplyError:
 
 
 def _read_blocks(text: str, model: type[Model]) -> list[list[JsonRow[Model]]]:
-    """The objects of each block that has some of the type ``model``; where none has, those of the last block.
+    """The objects of each block that has objects of the type ``model``, else those of the last block.
 
     Blocks tagged as JSON come before all others.
     """
     text = _cut_to_answer(text)
-    blocks = list(find_fenced_blocks(text))
+    blocks = list(_find_fenced_blocks(text))
     tagged = [block.body for block in blocks if _JSON.fullmatch(block.language)]
     others = [block.body for block in blocks if not _JSON.fullmatch(block.language)]
     bare = _BARE_JSON.search(text)
@@ -195,7 +248,7 @@ def _read_blocks(text: str, model: type[Model]) -> list[list[JsonRow[Model]]]:
 
 
 def _is_meant(value: Any, model: type[BaseModel]) -> bool:
-    """Whether ``value`` is an object with one of the keys that a ``model`` must have, in whatever spelling."""
+    """Whether ``value`` is an object with at least a required key of ``model``, in any spelling."""
     if not isinstance(value, dict):
         return False
     errors = _list_errors(value, model)
@@ -204,9 +257,13 @@ def _is_meant(value: Any, model: type[BaseModel]) -> bool:
 
 
 def _read_rows(body: str, model: type[Model]) -> list[JsonRow[Model]]:
-    values: list[Any] = list(read_json_values(body))
+    values: list[Any] = list(_read_json_values(body))
     if len(values) == 1 and isinstance(values[0], dict) and not _is_meant(values[0], model):
-        values = _unwrap(cast("dict[str, Any]", values[0]))
+        # A wrapper like {"segments": [...]}: the objects under its only key
+        inner: list[Any] = list(cast("dict[str, Any]", values[0]).values())
+        items = cast("list[Any]", inner[0] if isinstance(inner[0], list) else inner) if len(inner) == 1 else []
+        if items and all(isinstance(item, dict) for item in items):
+            values = items
     rows: list[JsonRow[Model]] = []
     for value in values:
         if isinstance(value, ValueError):
@@ -216,13 +273,6 @@ def _read_rows(body: str, model: type[Model]) -> list[JsonRow[Model]]:
         else:
             rows.append(JsonRow(value, model.model_validate(value)))
     return rows
-
-
-def _unwrap(value: dict[str, Any]) -> list[Any]:
-    """The objects under the only key of ``value``, where there are such: a wrapper like ``{"segments": [...]}``."""
-    inner: Any = next(iter(value.values())) if len(value) == 1 else None
-    items = cast("list[Any]", inner if isinstance(inner, list) else [inner])
-    return items if items and all(isinstance(item, dict) for item in items) else [value]
 
 
 def _list_errors(value: Any, model: type[BaseModel]) -> list[Any]:
@@ -250,3 +300,183 @@ def _is_python_source(text: str) -> bool:
     except (SyntaxError, ValueError, RecursionError, MemoryError):  # the last is the parser's word for too deep
         return False
     return True
+
+
+def _cut_thoughts(text: str) -> str:
+    """Remove thoughts and surrounding special tokens from ``text``; lines end in ``\\n``.
+
+    A mark of thoughts counts only outside of quotes and blocks of code. All text before an unmatched end mark is
+    thoughts, as is all text after an unmatched begin mark.
+    """
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
+    if unmarked := _UNMARKED.match(text):
+        text = text[unmarked.end() :]
+    kept = _cut_marked_thoughts(text)
+    if leading := _LEADING_TOKENS.match(kept):
+        kept = kept[leading.end() :]
+    return kept[:-_SEARCHED_TAIL] + _TRAILING_TOKENS.sub("", kept[-_SEARCHED_TAIL:])
+
+
+def _cut_marked_thoughts(text: str) -> str:
+    kept: list[str] = []
+    start = depth = last_close = 0  # of the answer; of nested thoughts; where the last end of them lies
+    fence = ""  # opening fence of the block of code that the answer is in
+    fences_left = sum(1 for mark in _THOUGHT_MARK.finditer(text) if mark["fence"])
+    end, blank, odd_quotes = 0, True, False  # of the last mark; of the line before the next mark
+    for mark in _THOUGHT_MARK.finditer(text):
+        between = text[end : mark.start()]
+        _, new_line, before = between.rpartition("\n")
+        quotes = before.count('"') - before.count('\\"')
+        blank = (blank or bool(new_line)) and not before.strip()
+        odd_quotes = (odd_quotes and not new_line) != bool(quotes % 2)
+        end = mark.end()
+        if mark["fence"]:
+            blank, fences_left, fence = False, fences_left - 1, _follow_fence(fence, mark["fence"], mark["info"])
+            continue
+        quoted = text[end : end + 1] in _QUOTES and text[mark.start() - 1 : mark.start()] == text[end : end + 1]
+        if quoted or (odd_quotes and not blank and not depth):
+            continue
+        special = mark[0].startswith(("<|", "<channel"))
+        if mark["open"]:
+            if depth:
+                depth += blank and not special
+            elif not fence and (blank or special):
+                kept.append(text[start : mark.start()])
+                depth, last_close = 1, 0
+        elif depth:
+            depth, last_close = 0 if special else depth - 1, end
+            if not depth:
+                start, fence = end, ""
+        # In code: thoughts that stopped within a draft, unless the code goes on, so that a fence is left over
+        elif not fence or (blank and _BLANK_REST.match(text, end) and fences_left % 2 == 0):
+            kept.clear()
+            start, fence = end, ""
+    if not depth:
+        kept.append(text[start:])
+    elif last_close:  # a beginning that was written twice
+        kept.append(_cut_marked_thoughts(text[last_close:]))
+    return "".join(kept)
+
+
+def _follow_fence(opened: str, run: str, info: str) -> str:
+    """Opening fence of the block of code after a fence; empty outside of all blocks."""
+    if opened:
+        return "" if run.startswith(opened) and not info.strip() else opened
+    return "" if "`" in run and "`" in info else run
+
+
+def _find_fenced_blocks(text: str) -> Iterator[FencedBlock]:
+    """The fenced blocks of ``text``, whose lines end in ``\\n``.
+
+    More lenient than CommonMark in two respects: blocks may have any indent (in lists), and may begin and end in the
+    same line.
+    """
+    opened: re.Match[str] | None = None
+    for fence in _FENCE.finditer(text):
+        run, info = fence["run"], fence["info"]
+        if opened is not None:
+            indent = _count_columns(fence["indent"]) - _count_columns(opened["indent"])
+            if run.startswith(opened["run"]) and not info.strip() and indent <= _MOST_INDENT:
+                yield _make_block(opened, text[opened.end() + 1 : fence.start()], fence.end())
+                opened = None
+        elif "`" not in run or "`" not in info:
+            opened = fence
+        elif info.rstrip().endswith(run):
+            body = info.rstrip().rstrip("`").strip()
+            language, _, code = body.partition(" ")
+            if not code or not _LANGUAGE.fullmatch(language[:_LONGEST_LANGUAGE]):
+                language, code = "", body
+            yield FencedBlock(language.lower(), code, fence.start(), fence.end())
+    if opened is not None:
+        body = text[opened.end() + 1 :].rstrip()
+        yield _make_block(opened, body.removesuffix(opened["run"]), len(text))
+
+
+def _make_block(opened: re.Match[str], body: str, end: int) -> FencedBlock:
+    indent = _count_columns(opened["indent"])
+    body = re.sub(rf"^ {{1,{indent}}}", "", body.expandtabs(4), flags=re.MULTILINE) if indent else body
+    word = _LANGUAGE.search(opened["info"][:_LONGEST_LANGUAGE])
+    return FencedBlock(word[0].lstrip(".").lower() if word else "", body, opened.start(), end)
+
+
+def _count_columns(indent: str) -> int:
+    return len(indent.expandtabs(4))
+
+
+def _read_json_values(text: str) -> Iterator[Any | ValueError]:
+    """Read the JSON values in ``text``, in sequence; the items of an array count as values of their own.
+
+    Text that is not strict JSON is read in a wider spelling, in which each text still has at most a single meaning. A
+    value that cannot be read is replaced by its error, and reading resumes at the next line that begins with an object.
+    """
+    try:
+        values = list(_decode_values(text))
+    except ValueError:
+        values = list(_decode_values(_spell_strictly(text), resume=True))
+    for value in values:
+        yield from value if isinstance(value, list) else [value]
+
+
+def _decode_values(text: str, resume: bool = False) -> Iterator[Any]:
+    """The values in ``text``. Raises ValueError at the first that cannot be read, unless it may ``resume`` after it."""
+    decoder = json.JSONDecoder(strict=False)  # a line break in a string is unambiguous
+    separators = re.compile(r"[\s,;\]]*" if resume else r"[\s,]*")
+    position, failures = 0, 0
+    while (position := _end_of_match(separators, text, position)) < len(text):
+        try:
+            value, end = decoder.raw_decode(text, position)
+            json.dumps(value, ensure_ascii=False).encode()  # refuses half a surrogate pair, which no file can hold
+        # Also numbers of thousands of digits, and values nested too deeply
+        except (ValueError, RecursionError) as error:
+            if not resume:
+                raise ValueError from error
+            failures += 1
+            if text[position] == "[" and failures < _MOST_FAILURES:  # read its items separately
+                position += 1
+                continue
+            said, at = (error.msg, error.pos) if isinstance(error, json.JSONDecodeError) else (str(error), position)
+            rest = text[at : at + _SHOWN].partition("\n")[0]
+            yield ValueError(f"{said} at {rest!r}" if rest else f"{said} at the end of a line")
+            following = _NEXT_OBJECT.search(text, position)
+            if following is None or failures == _MOST_FAILURES:
+                return
+            position = following.end()
+        else:
+            yield value
+            position = end
+
+
+def _end_of_match(pattern: re.Pattern[str], text: str, position: int) -> int:
+    match = pattern.match(text, position)
+    return match.end() if match else position
+
+
+def _spell_strictly(text: str) -> str:
+    """Convert the known tokens of ``text`` to strict JSON; unknown tokens stay as they are."""
+    written: list[str] = []
+    comma = -1  # where the last comma stands that nothing but space follows
+    for token in _TOKEN.finditer(text):
+        if token["unclosed"]:
+            return "".join(written) + text[token.start() :]
+        part = token[0]
+        if token["comment"] or token["space"]:
+            part = "" if token["comment"] else part
+        elif part == ",":
+            comma = len(written)
+        else:
+            if part in ("}", "]") and comma >= 0:
+                written[comma] = ""
+            comma = -1
+        quoted = token["single"] if token["double"] is None else token["double"]
+        if quoted is not None:
+            part = f'"{_ESCAPED.sub(_escape_for_double_quotes, quoted)}"'
+        elif token["word"] and token["colon"]:
+            part = f'"{token["word"]}"{token["colon"]}'
+        elif token["word"]:
+            part = _LITERALS.get(part, part)
+        written.append(part)
+    return "".join(written)
+
+
+def _escape_for_double_quotes(match: re.Match[str]) -> str:
+    return '\\"' if match[0] == '"' else match[1] if match[1] == "'" else match[0]

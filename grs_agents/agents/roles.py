@@ -1,8 +1,8 @@
-"""The eight agents of the paper, who revises a task and who judges it: what each is told, shown and asked for.
+"""The eight agents of the paper, the reviser of a task and its judge: inputs, pictures and parsers of each.
 
 Following the paper, the scene image goes to the describer, matcher, task author, simulation author and code fixer
 (vision-language models), not to the test author and test fixer (language models). The router and the fixers of program
-and task also see how the robot's episode ended; the judge sees its start and its end.
+and task also see the end of the robot's episode; the judge sees its start and its end.
 """
 
 import json
@@ -43,24 +43,27 @@ Task = TypeVar("Task", bound=TaskDefinition)
 def describe_segments(
     agents: Agents, rows: Sequence[Json], numbers: Sequence[int], pictures: str, images: Sequence[str]
 ) -> dict[int, Description] | NoReply:
-    """Describe the segments of ``rows``, by their ``id``; ``numbers`` are those of all segments.
+    """Describe segments.
 
-    ``images`` show what ``pictures`` says.
+    Args:
+        rows: the segments to describe, each with its ``id``.
+        numbers: ids of all segments.
+        pictures: text that describes ``images``.
     """
-    asked = [int(row["id"]) for row in rows]
+    wanted = [int(row["id"]) for row in rows]
 
     def parse_descriptions(text: str) -> dict[int, Description]:
         rows = read_json_rows(text, SegmentReply)
         problems = list_problems(rows)
         replies = [row.parsed for row in rows if row.parsed is not None]
-        if len(rows) == len(replies) == len(asked) == 1:
-            replies = [replies[0].model_copy(update={"id": asked[0]})]
+        if len(rows) == len(replies) == len(wanted) == 1:
+            replies = [replies[0].model_copy(update={"id": wanted[0]})]
         described = {number: reply for reply in replies if (number := reply.id) is not None}
         faulty = {str(row.number) for row in rows if row.parsed is None}
-        missing = [number for number in asked if number not in described and str(number) not in faulty]
+        missing = [number for number in wanted if number not in described and str(number) not in faulty]
         if missing and "None" not in faulty:
             problems.append(f"the reply has no object with the id {', '.join(map(str, missing))}")
-        for number in set(asked) & set(described):
+        for number in set(wanted) & set(described):
             whole = described[number].part_of
             # no segment has the number 0, and none is a piece of itself
             if whole == number or (whole is not None and whole <= 0 and whole not in numbers):
@@ -69,7 +72,7 @@ def describe_segments(
                 problems.append(f"segment {number}: part_of is {whole}, which is no segment; else give null")
         if problems:
             raise ReplyError(join_problems(problems))
-        return {number: Description.model_validate(described[number].model_dump()) for number in asked}
+        return {number: Description.model_validate(described[number].model_dump()) for number in wanted}
 
     return agents.ask_role(
         "describe", {"segments": to_json_lines(rows), "pictures": pictures}, parse_descriptions, images
@@ -77,7 +80,7 @@ def describe_segments(
 
 
 def match_asset(agents: Agents, candidate: Json, assets: Sequence[Json], images: Sequence[str]) -> Match | NoReply:
-    """Match one candidate with an asset. ``assets`` hold name, description, color and size."""
+    """Match a candidate with an asset. ``assets`` hold name, description, color and size."""
     names = {str(asset["name"]): str(asset["name"]) for asset in assets}
 
     def parse_match(text: str) -> Match:
@@ -99,7 +102,7 @@ def match_asset(agents: Agents, candidate: Json, assets: Sequence[Json], images:
 def author_task(
     agents: Agents, scene: Json, fixtures: Sequence[Json], images: Sequence[str]
 ) -> TaskDefinition | NoReply:
-    """Define a task for the scene. ``fixtures``: library assets that may be added to what the photo shows."""
+    """Define a task for the scene. ``fixtures``: library assets that may be added to the photo's objects."""
     names = name_assets(scene["objects"], fixtures)
 
     def parse_task_definition(text: str) -> TaskDefinition:
@@ -137,14 +140,14 @@ def author_tests(agents: Agents, task: TaskDefinition, code: str, api: str) -> s
 
 @dataclass(frozen=True)
 class JudgedPrograms:
-    """What the router and every fixer are shown."""
+    """Inputs of the router and of every fixer."""
 
     task: TaskDefinition
     scene: str  # the objects of the task as JSON
     code: str  # the simulation program
     tests: str
     results: str  # the evidence
-    history: Sequence[str]  # one line for each fix
+    history: Sequence[str]  # a line for each fix
     images: Sequence[str] = ()  # the photo (not for the router), and the end of the robot's episode if it was drawn
     explanation: str = ""  # the router's, for a fixer
 
@@ -212,10 +215,14 @@ def judge_words(
     goals: Sequence[str],
     images: Sequence[str],
 ) -> WordsJudgement | NoReply:
-    """Compare a task's ``words`` with ``goals`` in sentences and what happened to ``objects``, without the program.
+    """Compare the words of a task with its goals and its episode, without the program.
 
-    ``other_texts`` are further words that people see, one line each: the task's name, what the program calls its goals.
-    ``images``: the table at the start and at the end, or none.
+    Args:
+        words: the task's description.
+        other_texts: further texts that people see, a line each: the task's name, the program's sentences for its goals.
+        objects: the objects, with their motion in the episode.
+        goals: a sentence for each.
+        images: the table at the start and at the end, or none.
     """
     values = {
         "words": words,
@@ -227,7 +234,7 @@ def judge_words(
 
 
 def name_assets(objects: Sequence[Json], fixtures: Sequence[Json]) -> dict[str, str]:
-    """The assets of a scene and the fixtures, each by its name and by the names of the objects that it stands for."""
+    """Names of the assets of a scene and of the fixtures, by asset and by object."""
     assets = [str(item["asset"]) for item in objects] + [str(item["name"]) for item in fixtures]
     return {str(item.get("name", item["asset"])): str(item["asset"]) for item in objects} | {
         asset: asset for asset in assets
@@ -235,7 +242,7 @@ def name_assets(objects: Sequence[Json], fixtures: Sequence[Json]) -> dict[str, 
 
 
 def _find_asset(written: str, names: Mapping[str, str]) -> str | None:
-    """The asset that ``written`` means: its name, perhaps without folder or suffix; None where several are alike."""
+    """The asset that ``written`` means, perhaps without folder or suffix; None if it is ambiguous."""
     if written in names:
         return names[written]
     loose = _spell_loosely(written)
@@ -255,7 +262,7 @@ def _suggest_assets(written: str | None, names: Mapping[str, str]) -> str:
 
 
 def _name_assets_exactly(task: Task, names: Mapping[str, str]) -> Task:
-    """``task`` with the names of its assets. Raises ReplyError: it names others, each of which is told."""
+    """Replace the names in ``task`` by exact asset names. Raises ReplyError: unknown names, all of them listed."""
     assets = {written: _find_asset(written, names) for written in task.assets}
     if unknown := [written for written, asset in assets.items() if asset is None]:
         near = "".join(f"; {written!r}{_suggest_assets(written, names)[1:]}" for written in unknown)
@@ -265,20 +272,18 @@ def _name_assets_exactly(task: Task, names: Mapping[str, str]) -> Task:
 
 def to_json_text(value: Json) -> str:
     """``value`` as compact JSON, but for the items of its lists of objects: each has a line of its own."""
-    return (
-        "{" + ",\n".join(f"{json.dumps(key)}:{_json_with_an_item_per_line(item)}" for key, item in value.items()) + "}"
-    )
+    fields: list[str] = []
+    for key, item in value.items():
+        text = _compact_json(item)
+        if isinstance(item, list) and item and isinstance(item[0], dict):
+            text = "[\n" + ",\n".join(map(_compact_json, cast(list[Any], item))) + "\n]"
+        fields.append(f"{json.dumps(key)}:{text}")
+    return "{" + ",\n".join(fields) + "}"
 
 
 def to_json_lines(values: Sequence[Json]) -> str:
-    """One object a line."""
+    """An object per line."""
     return "\n".join(map(_compact_json, values))
-
-
-def _json_with_an_item_per_line(value: Any) -> str:
-    if isinstance(value, list) and value and isinstance(value[0], dict):
-        return "[\n" + ",\n".join(map(_compact_json, cast(list[Any], value))) + "\n]"
-    return _compact_json(value)
 
 
 def _compact_json(value: Any) -> str:

@@ -29,9 +29,9 @@ from grs_agents.base.errors import ConfigError, GrsError
 from grs_agents.base.foreign.run_folder import resolve_member_file
 from grs_agents.base.trace.events import ToolCall
 from grs_agents.models.answer import Answer, require_complete_answer
+from grs_agents.models.call import request_message
 from grs_agents.models.factory import make_retries
 from grs_agents.models.key_redaction import redact_keys
-from grs_agents.models.retry import request_message
 
 Parsed = TypeVar("Parsed")
 _MARK = "[tool calls] "
@@ -62,7 +62,11 @@ def ask_with_tools(
         what = f"graph {calling.graph!r} needs the package langchain, which is not installed"
         raise ConfigError(what, 'run: pip install "grs-agents[agent]"') from error
     file = content.content_path("prompts", getattr(agents.config.prompts, role))
-    text = f"{render_prompt_template(file, role, values)}\n\n{_format_tools_section(calling)}"
+    tools = (
+        f"## Tools\n\nYou may call tools ({', '.join(calling.tools)}), {calling.steps} times in all, before you hand "
+        "in your reply in the form asked for. A program that you only checked is not handed in: reply with it."
+    )
+    text = f"{render_prompt_template(file, role, values)}\n\n{tools}"
     blocks: list[str | dict[Any, Any]] = [image_block_from_file(resolve_member_file(agents.folder, i)) for i in images]
     messages: list[BaseMessage] = [HumanMessage(content=[*blocks, {"type": "text", "text": text}])]
     model = LoggedToolModel(agents=agents, role=role, pictures=tuple(images), graph=calling.graph)
@@ -85,15 +89,8 @@ def ask_with_tools(
     return NoReply(role=role, tries=tries, problem=problem)
 
 
-def _format_tools_section(calling: ToolCalling) -> str:
-    return (
-        f"## Tools\n\nYou may call tools ({', '.join(calling.tools)}), {calling.steps} times in all, before you hand "
-        "in your reply in the form asked for. A program that you only checked is not handed in: reply with it."
-    )
-
-
 class LoggedToolModel(BaseChatModel):
-    """The chat model of a role, with tools; what it is asked and replies goes through ``agents``."""
+    """The chat model of a role, with tools; its exchanges go through ``agents``."""
 
     agents: Any  # an `Agents`
     role: str
@@ -136,8 +133,8 @@ class LoggedToolModel(BaseChatModel):
                 return require_complete_answer(answer)
             return require_complete_answer(replace(answer, text=redact_keys(_format_tool_calls(message))))
 
-        told = [AIMessage(_format_tool_calls(one)) if isinstance(one, AIMessage) else one for one in messages]
-        text, _ = agents.get_earlier_or_new_reply(self.role, told, self.pictures, ask_bound_model)
+        logged = [AIMessage(_format_tool_calls(item)) if isinstance(item, AIMessage) else item for item in messages]
+        text, _ = agents.get_earlier_or_new_reply(self.role, logged, self.pictures, ask_bound_model)
         message = AIMessage(_UNUSABLE) if text is None else live[-1] if live else _parse_tool_calls(text, len(messages))
         return ChatResult(generations=[ChatGeneration(message=message)])
 
@@ -168,7 +165,7 @@ def _parse_tool_calls(text: str, number: int) -> AIMessage:
 
 @dataclass
 class _CountedTools:
-    """The tools of one agent, each call of which is counted and logged, also one whose arguments do not fit."""
+    """The tools of an agent; each call is counted and logged, even if its arguments do not fit."""
 
     agents: Agents
     role: str
@@ -183,14 +180,26 @@ class _CountedTools:
         described = StructuredTool.from_function(function, name=name)
 
         def call(**arguments: Any) -> str | list[Any]:
-            return self._call_tool_and_log(name, function, arguments)
+            begin = time.perf_counter()
+            beyond = self._count_call()
+            ok, result = beyond <= 0, cast("str | list[Any]", "All tool calls are used up. Hand in your reply now.")
+            if ok:
+                try:
+                    result = function(**arguments)
+                except GrsError as error:
+                    ok, result = False, str(error)
+            text = result if isinstance(result, str) else "(a picture)"
+            seconds = time.perf_counter() - begin
+            event = ToolCall(role=self.role, tool=name, arguments=arguments, result=text, ok=ok, seconds=seconds)
+            self.agents.log.append(event)
+            return result
 
         def report_invalid_arguments(error: ValidationError | FirstValidationError) -> str:
-            wrong = "; ".join(f"{'.'.join(map(str, one['loc']))}: {one['msg']}" for one in error.errors())
-            told = f"The arguments do not fit: {wrong}"
+            wrong = "; ".join(f"{'.'.join(map(str, fault['loc']))}: {fault['msg']}" for fault in error.errors())
+            result = f"The arguments do not fit: {wrong}"
             self._count_call()
-            self.agents.log.append(ToolCall(role=self.role, tool=name, result=told, ok=False))
-            return told
+            self.agents.log.append(ToolCall(role=self.role, tool=name, result=result, ok=False))
+            return result
 
         return StructuredTool.from_function(
             call,
@@ -201,7 +210,7 @@ class _CountedTools:
         )
 
     def _count_call(self) -> int:
-        """Count a call; by how many the allowed ones are passed. Raises StepsUsedUp: by more than are forgiven."""
+        """Count a call. Returns: number of calls beyond the allowed number. Raises StepsUsedUp: too many beyond it."""
         with self.lock:
             self.call_count += 1
             beyond = self.call_count - self.calling.steps
@@ -209,18 +218,3 @@ class _CountedTools:
             what = f"it called tools {self.call_count} times and handed nothing in"
             raise StepsUsedUp(what, f"raise author.steps (now {self.calling.steps})")
         return beyond
-
-    def _call_tool_and_log(self, name: str, function: ToolFunction, arguments: dict[str, Any]) -> str | list[Any]:
-        begin = time.perf_counter()
-        beyond = self._count_call()
-        ok, result = beyond <= 0, cast("str | list[Any]", "All tool calls are used up. Hand in your reply now.")
-        if ok:
-            try:
-                result = function(**arguments)
-            except GrsError as error:
-                ok, result = False, str(error)
-        told = result if isinstance(result, str) else "(a picture)"
-        seconds = time.perf_counter() - begin
-        event = ToolCall(role=self.role, tool=name, arguments=arguments, result=told, ok=ok, seconds=seconds)
-        self.agents.log.append(event)
-        return result

@@ -1,4 +1,4 @@
-"""What the agents say, as frozen types."""
+"""Replies of the agents, as frozen types."""
 
 import re
 from collections.abc import Callable, Mapping
@@ -12,14 +12,14 @@ from grs_agents.base import Frozen
 Verdict = Literal["fix_code", "fix_test", "fix_task"]
 """The router's two answers, spelt as in the paper, and a third: the task cannot be done as it is defined."""
 ToolFunction = Callable[..., str | list[Any]]
-"""What a tool tells a model: words, or content blocks such as a picture."""
+"""A tool of a model: it returns words, or content blocks such as a picture."""
 
 
 @dataclass(frozen=True)
 class ToolCalling:
-    """What an agent may call, how often, and in which graph."""
+    """Tools of an agent, the number of calls, and the graph."""
 
-    tools: Mapping[str, ToolFunction]  # by name; the docstring and the annotations are what the model reads
+    tools: Mapping[str, ToolFunction]  # by name; the model reads the docstring and the annotations
     steps: int  # calls of tools in all
     graph: str  # for messages
 
@@ -44,7 +44,7 @@ def _read_segment_number(value: Any) -> Any:
 
 
 class ModelReply(Frozen):
-    """What a model replies as JSON; keys and choices may have other capitals, dashes, blanks or underscores."""
+    """A model's JSON reply; keys and choices may differ in capitals, dashes, blanks or underscores."""
 
     model_config = ConfigDict(frozen=True, extra="ignore", populate_by_name=True)
 
@@ -62,7 +62,7 @@ class ModelReply(Frozen):
 
     @classmethod
     def fill_missing_words(cls, table: dict[Any, Any]) -> dict[Any, Any]:
-        """``table`` with what goes without saying."""
+        """Fill in fields of ``table`` that follow from others."""
         return table
 
     @field_validator("*", mode="before")
@@ -79,14 +79,14 @@ def _letters(text: str) -> str:
 
 
 class Description(ModelReply):
-    """What the describer says of one segmented crop (paper, Scene Comprehension, step 2)."""
+    """The describer's reply about a segmented crop (paper, Scene Comprehension, step 2)."""
 
     is_object: bool
     description: str = Field(min_length=1)
     color: str
     shape: str
     category: str
-    # the segment that shows the rest of the thing that this one is a piece of
+    # the segment that shows the rest of the object of which this is a piece
     part_of: Annotated[int | None, BeforeValidator(_read_segment_number)] = None
     # open at the top, so that things can be put into it; None where nobody says so
     open_top: Annotated[bool | None, BeforeValidator(_read_unknown_word)] = None
@@ -99,7 +99,7 @@ class SegmentReply(Description):
 
     @classmethod
     def fill_missing_words(cls, table: dict[Any, Any]) -> dict[Any, Any]:
-        """``table`` with words about a segment that is no object, where these are missing or null."""
+        """Fill in missing fields of a segment that is no object."""
         if str(table.get("is_object")).lower() not in ("false", "no", "0"):
             return table
         words = {"description": "no object", "color": "", "shape": "", "category": ""}
@@ -107,7 +107,7 @@ class SegmentReply(Description):
 
 
 class Match(ModelReply):
-    """What the matcher says of one candidate (paper, Scene Comprehension, step 3).
+    """The matcher's reply about a candidate (paper, Scene Comprehension, step 3).
 
     ``asset`` names a library asset; ``no_asset`` is a real object that the library lacks; ``no_object`` is a
     segment that is not an object at all.
@@ -120,6 +120,8 @@ class Match(ModelReply):
 
 class TaskDefinition(ModelReply):
     """The paper's three fields, with its spelling in JSON."""
+
+    model_config = ConfigDict(serialize_by_alias=True)
 
     name: str = Field(alias="task-name", min_length=1, max_length=100)
     description: str = Field(alias="task-description", min_length=1)
@@ -136,11 +138,15 @@ class TaskDefinition(ModelReply):
 
     def as_json(self) -> dict[str, Any]:
         """The definition as the paper prints it."""
-        return self.model_dump(mode="json", by_alias=True)
+        return self.model_dump(mode="json")
+
+    def __getitem__(self, key: str) -> Any:
+        """A field by its name in JSON, as when states held JSON (``state["task"]["task-name"]``): for one release."""
+        return self.as_json()[key]
 
 
 class TaskRevision(TaskDefinition):
-    """A task defined anew because it could not be done, and what was given up with it."""
+    """A revised task, after the original could not be done, and the part that was given up."""
 
     given_up: str = Field(alias="given-up", min_length=1, max_length=500)
 
@@ -157,7 +163,7 @@ class RouterReply(Frozen):
 
 
 class WordsJudgement(ModelReply):
-    """Whether a task's words and its goals say the same."""
+    """The judge's verdict whether a task's words agree with its goals."""
 
     # ``unclear``: the judge does not understand the words, or they may mean something else too
     verdict: Literal["agrees", "differs", "unclear"]
@@ -169,7 +175,7 @@ class NoReply(Frozen):
 
     role: str
     tries: int  # how many replies were refused
-    problem: str  # what was wrong with the last one
+    problem: str  # of the last reply
 
     def __str__(self) -> str:
         return f"the {self.role} model gave no usable reply in {self.tries} tries: {self.problem}"

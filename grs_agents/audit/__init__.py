@@ -1,1 +1,1 @@
-"""What makes a result trustworthy: checks on task instances, measured by trusted code."""
+"""The audit: checks on task instances and episodes, measured by trusted code."""

@@ -1,4 +1,4 @@
-"""Which assertions a fix of the tests took out or put in: one that asks for less shows as both."""
+"""Assertions that a fix of the tests removed or added; a weakened assertion shows as both."""
 
 import ast
 from collections import Counter
@@ -6,13 +6,15 @@ from collections import Counter
 from grs_agents.base.python_parsing import parse_python
 
 MOST = 12
-"""So many of each are told."""
+"""Most changes of each kind that are listed."""
 _LONGEST = 200
 
 
 def find_changed_assertions(old: str, new: str) -> tuple[str, ...]:
-    """Lines ``- ...`` for what the old tests assert and the new ones do not; and ``+ ...`` the other way round, if any
-    was taken out. Messages do not count. Empty where one of them is not Python.
+    """List the changed assertions; messages do not count.
+
+    Returns: lines ``- ...`` for assertions of the old tests alone, then ``+ ...`` for those of the new tests alone if
+    any was removed; empty if either program is not Python.
     """
     try:
         before, after = _count_assertions(old), _count_assertions(new)
@@ -28,7 +30,7 @@ def _count_assertions(source: str) -> Counter[str]:
 
 
 def _describe_assertion(statement: ast.Assert | ast.Expr) -> str:
-    """What a statement asserts, without its message; empty where it asserts nothing."""
+    """Text of an assertion without its message; empty for any other statement."""
     if isinstance(statement, ast.Assert):
         return f"assert {ast.unparse(statement.test)}"
     call = statement.value
@@ -36,10 +38,13 @@ def _describe_assertion(statement: ast.Assert | ast.Expr) -> str:
         return ""
     if not call.func.attr.startswith("assert"):
         return ""
-    said = [*call.args[:1], *(part for part in call.args[1:] if not _is_text_literal(part))]
+    said = [
+        *call.args[:1],
+        *(
+            part
+            for part in call.args[1:]
+            if not (isinstance(part, ast.JoinedStr) or (isinstance(part, ast.Constant) and isinstance(part.value, str)))
+        ),
+    ]
     kept = [word for word in call.keywords if word.arg != "msg"]
     return ast.unparse(ast.Call(ast.Name(call.func.attr, ast.Load()), said, kept))
-
-
-def _is_text_literal(node: ast.expr) -> bool:
-    return isinstance(node, ast.JoinedStr) or (isinstance(node, ast.Constant) and isinstance(node.value, str))

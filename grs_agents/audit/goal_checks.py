@@ -1,34 +1,39 @@
-"""Checks of goals: each object has one, none holds at the start or almost anywhere or for next to no reward, moves are
-far and not too fine."""
+"""Checks of goals: each object has a goal; no goal holds at the start, on most of the table or for next to no reward;
+moves are long and tolerate an inaccurate hand."""
 
 import math
 from collections.abc import Mapping, Sequence, Set
+from itertools import combinations
 from typing import Final
 
 import numpy as np
 
-from grs_agents.audit.least_moves import measure_least_move
-from grs_agents.audit.types import Finding
+from grs_agents.audit.types import AuditFinding
 from grs_agents.base.geometry import transforms
 from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.library.library import Library
 from grs_agents.perception.types import SceneDescription
-from grs_agents.sim.instance.goal import Goal
+from grs_agents.sim.goals.scores import MET
+from grs_agents.sim.instance.goal import Goal, Zone
 from grs_agents.sim.instance.task_instance import InstanceObject, TaskInstance
 from grs_agents.sim.rollouts import HAND_NOISE, Rollout
-from grs_agents.sim.world.footprints import margins_inside_outline, object_prism_at_pose
+from grs_agents.sim.world.footprints import (
+    Prism,
+    distance_between_outlines,
+    margins_inside_outline,
+    object_prism_at_pose,
+    rectangle_outline,
+)
 from grs_agents.sim.world.spec import load_object_model
 
 IDLE: Final = 0.05
 """Doing nothing earns at most this share of the reward: a rounded score, not an object that is at its goal already."""
-MET: Final = 0.985
-"""A goal holds from this score on, as the oracle and the strict score have it."""
 MOVE: Final = 0.05
-"""Metres: people see that something was moved so far, and call less a nudge."""
+"""Least visible move (m); a shorter move is a nudge."""
 NUDGE: Final = 0.04
-"""Metres: goals of honest tasks need 0.048 at the least, beside what a pose may be missed by."""
+"""Least move (m) that a goal requires, beside its tolerance; goals of honest tasks need at least 0.048."""
 TURN: Final = math.radians(30)
-"""Or turned by this much, where a goal asks for the yaw."""
+"""Least turn (rad) of a goal that asks for the yaw."""
 TABLE_SHARE: Final = 0.4
 """A goal that holds on more than this share of the table asks for next to nothing; marks of honest tasks take 0.31."""
 WORKSPACE: Final = 0.5
@@ -37,6 +42,13 @@ FAIR_SHARE: Final = 0.5
 """A goal is worth at least this share of an even part of the reward, by goals or by objects; honest tasks have 1."""
 SURE_HAND: Final = 0.8
 """Share of the episodes with the least noise of the hand that must be solved."""
+MAY_STAY: Final[Mapping[str, int]] = {"stacked": 1, "aligned": 2}
+"""Objects of a relation that need not move: a stack's lowest, and the two ends of a line."""
+_POSE_TOLERANCE: Final = 0.01
+"""Metres by which a pose goal may be missed anyway."""
+_LIFTED: Final = 0.05
+"""Height difference (m) from which a move along the table cannot reach a target."""
+_ORIGIN: Final = np.zeros((1, 2))
 
 
 def list_goal_findings(
@@ -45,23 +57,23 @@ def list_goal_findings(
     library: Library,
     scene: SceneDescription | None,
     least: float,
-) -> list[Finding]:
+) -> list[AuditFinding]:
     """Findings about the goals of all instances; ``least`` is the score (0..1) that counts as solved."""
     pairs = pair_instances_with_rollouts(instances, rollouts)
     findings = [
-        _check_goals_open_at_start(instances, rollouts),
-        _check_goal_area_is_limited(instances, library),
-        _check_objects_move_far_enough(pairs, library),
-        _check_fair_rewards(instances),
-        _check_solved_despite_hand_noise(rollouts, least),
+        check_goals_open_at_start(instances, rollouts),
+        check_goal_area_is_limited(instances, library),
+        check_objects_move_far_enough(pairs, library),
+        check_fair_rewards(instances),
+        check_solved_despite_hand_noise(rollouts, least),
     ]
-    return [_check_objects_have_goals(pairs, library, scene), *findings] if scene is not None else findings
+    return [check_objects_have_goals(pairs, library, scene), *findings] if scene is not None else findings
 
 
 def pair_instances_with_rollouts(
     instances: Sequence[TaskInstance], rollouts: Sequence[Rollout]
 ) -> list[tuple[TaskInstance, Rollout]]:
-    """Each instance with its rollout, where it has one."""
+    """Pair each instance with its rollout; instances without a rollout are left out."""
     by_seed = {rollout.seed: rollout for rollout in rollouts}
     return [(instance, by_seed[instance.seed]) for instance in instances if instance.seed in by_seed]
 
@@ -71,67 +83,53 @@ def asset_with_id(instance: TaskInstance, number: int) -> str:
     return f"{next(item.asset for item in instance.objects if item.id == number)} #{number}"
 
 
-def _check_objects_have_goals(
+def check_objects_have_goals(
     pairs: Sequence[tuple[TaskInstance, Rollout]], library: Library, scene: SceneDescription
-) -> Finding:
-    """Of a task from a photo: what it does not use stands there as a bystander, so all that it adds has a purpose.
+) -> AuditFinding:
+    """Every object that a task adds to a photo has a purpose, since unused objects stand there as bystanders anyway.
 
-    What the photo shows must have one even where the program adds it as fixed.
+    An asset that the photo shows needs a goal even if the program adds it as fixed.
     """
     shown = {item.asset for item in scene.objects}
-    without = [
-        f"no goal speaks of {asset_with_id(instance, number)}"
-        for instance, rollout in pairs
-        for number in _find_objects_without_purpose(instance, rollout, library, shown)
-    ]
+    without: list[str] = []
+    for instance, rollout in pairs:
+        needed = {item.id for item in instance.task_objects if item.asset in shown or is_movable_object(item, library)}
+        needed |= _find_unused_fixed_objects(instance, rollout, library, shown)
+        mentioned = {number for goal in instance.goals for number in goal.mentioned_object_ids}
+        without += [
+            f"no goal speaks of {asset_with_id(instance, number)}"
+            for number in sorted(needed - mentioned - set(rollout.neighbours))
+        ]
     otherwise = "goals speak of every object that is movable or in the photo"
     bound = "each object that the task adds and that is movable or in the photo must have a goal, or be what a goal "
     bound += "refers to; what the task does not use stands there anyway"
-    return Finding.from_fault_list("objects_have_goals", without, otherwise, bound)
-
-
-def _find_objects_without_purpose(
-    instance: TaskInstance, rollout: Rollout, library: Library, shown: Set[str]
-) -> set[int]:
-    added = {item.id for item in instance.task_objects if item.asset in shown or is_movable_object(item, library)}
-    named = {number for goal in instance.goals for number in goal.mentioned_object_ids}
-    purposeless = added - named - set(rollout.neighbours)
-    return purposeless | (
-        _find_unused_fixed_objects(instance, rollout, library, shown) - named - set(rollout.neighbours)
-    )
+    return AuditFinding.from_fault_list("objects_have_goals", without, otherwise, bound)
 
 
 def _find_unused_fixed_objects(instance: TaskInstance, rollout: Rollout, library: Library, shown: Set[str]) -> set[int]:
-    """Fixed things that the photo does not show, and over which nothing of the task starts, ends or is to end."""
-    points, here = _collect_task_positions(instance, rollout, shown), np.zeros((1, 2))
-    return {
-        item.id
-        for item in instance.task_objects
-        if item.asset not in shown and item.asset in library
-        if not (margins_inside_outline(here, _object_outline_from_above(item, library), points) >= -MOVE).any()
-    }
-
-
-def _collect_task_positions(instance: TaskInstance, rollout: Rollout, shown: Set[str]) -> FloatArray:
-    """(N, 2) where the task's objects of the photo start and end, and where goals want things, metres."""
-    own = [item.id for item in instance.task_objects if item.asset in shown]
-    places = [poses[number][0] for poses in (rollout.initial, rollout.final) for number in own if number in poses]
+    """Fixed objects added by the task, over which no object of the task starts or ends, nor is to end."""
+    shown_ids = [item.id for item in instance.task_objects if item.asset in shown]
+    places = [poses[number][0] for poses in (rollout.initial, rollout.final) for number in shown_ids if number in poses]
     for goal in instance.goals:
         places += [pose[0] for pose in (*goal.targets, *(zone.pose for zone in goal.zones))]
-    return np.array([place[:2] for place in places]).reshape(-1, 2)
-
-
-def _object_outline_from_above(item: InstanceObject, library: Library) -> FloatArray:
-    return object_prism_at_pose(load_object_model(item, library), item.pose, item.id).outline
+    points = np.array([place[:2] for place in places]).reshape(-1, 2)
+    unused: set[int] = set()
+    for item in instance.task_objects:
+        if item.asset not in shown and item.asset in library:
+            outline = object_prism_at_pose(load_object_model(item, library), item.pose, item.id).outline
+            if not (margins_inside_outline(_ORIGIN, outline, points) >= -MOVE).any():
+                unused.add(item.id)
+    return unused
 
 
 def is_movable_object(item: InstanceObject, library: Library) -> bool:
-    """Whether an object can be moved: it is not fixed, and no mark."""
+    """Whether an object is movable: neither fixed nor a mark."""
     known = item.asset in library
     return item.category != "fixed" and known and bool(library.load_object_model(item.asset).colliders)
 
 
-def _check_goals_open_at_start(instances: Sequence[TaskInstance], rollouts: Sequence[Rollout]) -> Finding:
+def check_goals_open_at_start(instances: Sequence[TaskInstance], rollouts: Sequence[Rollout]) -> AuditFinding:
+    """The finding ``not_idle``: doing nothing earns next to nothing, and meets no goal."""
     rewards = [rollout.idle_reward for rollout in rollouts]
     met = [
         f"goal {index + 1} is met in seed {rollout.seed}"
@@ -144,7 +142,7 @@ def _check_goals_open_at_start(instances: Sequence[TaskInstance], rollouts: Sequ
     measured = f"doing nothing for as long as the oracle takes ({seconds:.0f} s) earns {shown}"
     if 1.0 in rewards:
         measured += " (1 also where the scene stays in motion)"
-    return Finding(
+    return AuditFinding(
         check="not_idle",
         passed=bool(rewards) and max(rewards) <= IDLE and not met,
         measured="; ".join([measured, *met[:4]]),
@@ -152,14 +150,15 @@ def _check_goals_open_at_start(instances: Sequence[TaskInstance], rollouts: Sequ
     )
 
 
-def _check_goal_area_is_limited(instances: Sequence[TaskInstance], library: Library) -> Finding:
+def check_goal_area_is_limited(instances: Sequence[TaskInstance], library: Library) -> AuditFinding:
+    """The finding ``goals_narrow``: share of the table on which a goal holds."""
     shares = [
         (_table_share_satisfying_goal(goal, instance, library), index + 1)
         for instance in instances
         for index, goal in enumerate(instance.goals)
     ]
     widest, index = max(shares, default=(0.0, 0))
-    return Finding(
+    return AuditFinding(
         check="goals_narrow",
         passed=widest <= TABLE_SHARE,
         measured=f"goal {index} holds on {widest:.0%} of the table" if index else "there are no goals",
@@ -184,7 +183,8 @@ def _table_share_satisfying_goal(goal: Goal, instance: TaskInstance, library: Li
     return min(1.0, area / WORKSPACE)
 
 
-def _check_objects_move_far_enough(pairs: Sequence[tuple[TaskInstance, Rollout]], library: Library) -> Finding:
+def check_objects_move_far_enough(pairs: Sequence[tuple[TaskInstance, Rollout]], library: Library) -> AuditFinding:
+    """The finding ``moves_far``: the oracle moves or turns every object visibly, and no nudge would do."""
     short = [
         f"goal {index + 1} moves {asset_with_id(instance, number)} by {away * 100:.1f} cm"
         for instance, rollout in pairs
@@ -202,7 +202,8 @@ def _check_objects_move_far_enough(pairs: Sequence[tuple[TaskInstance, Rollout]]
     bound = f"an object must be moved by {MOVE * 100:.0f} cm, its goal not hold {NUDGE * 100:.0f} cm from its start, "
     bound += f"or it be turned by {math.degrees(TURN):.0f} degrees where its goal asks for a yaw"
     faults = short if pairs else ["there is no episode"]
-    return Finding.from_fault_list("moves_far", faults, "the oracle moves the objects of every goal farther", bound)
+    otherwise = "the oracle moves the objects of every goal farther"
+    return AuditFinding.from_fault_list("moves_far", faults, otherwise, bound)
 
 
 def _find_short_moves(goal: Goal, rollout: Rollout) -> list[tuple[int, float]]:
@@ -210,7 +211,7 @@ def _find_short_moves(goal: Goal, rollout: Rollout) -> list[tuple[int, float]]:
 
     A stack's lowest object may stay, and two of a line.
     """
-    may_stay = {"stacked": 1, "aligned": 2}.get(goal.relation_kind or "", 0)
+    may_stay = MAY_STAY.get(goal.relation_kind or "", 0)
     short: list[tuple[int, float]] = []
     for row, number in enumerate(goal.objects):
         if number not in rollout.final:
@@ -219,68 +220,109 @@ def _find_short_moves(goal: Goal, rollout: Rollout) -> list[tuple[int, float]]:
         away = math.dist(start[0], end[0])
         if away < MOVE and not _is_turned_as_asked(goal, row, rollout):
             short.append((number, away))
-    return sorted(short, key=lambda one: one[1])[may_stay:]
+    return sorted(short, key=lambda move: move[1])[may_stay:]
 
 
 def _is_turned_as_asked(goal: Goal, row: int, rollout: Rollout) -> bool:
-    """Whether the oracle turned an object far, as its goal asks."""
-    asked = goal.relation_kind == "upright" or (goal.metric == "pose" and goal.rotations and goal.symmetries[row] > 0)
+    """Whether the oracle turned an object by ``TURN`` or more, if its goal asks for a yaw."""
+    wants_turn = goal.relation_kind == "upright" or (
+        goal.metric == "pose" and goal.rotations and goal.symmetries[row] > 0
+    )
     number = goal.objects[row]
-    return asked and transforms.angle_between(rollout.initial[number][1], rollout.final[number][1]) >= TURN
+    return wants_turn and transforms.angle_between(rollout.initial[number][1], rollout.final[number][1]) >= TURN
 
 
 def _find_short_required_moves(
     index: int, instance: TaskInstance, rollout: Rollout, library: Library
 ) -> list[tuple[int, float]]:
-    """(id, metres) of the objects of a goal that a nudge would bring there; of one in several goals the last counts."""
+    """(id, metres) of the objects of a goal that a nudge would bring to it; an object of several goals counts in the
+    last."""
     goal, later = instance.goals[index], instance.goals[index + 1 :]
-    spoken_of = {number for other in later for number in other.objects}
+    spoken_of = {number for later_goal in later for number in later_goal.objects}
     rows = [row for row, number in enumerate(goal.objects) if number not in spoken_of and number in rollout.final]
-    needed = [(row, measure_least_move(goal, row, instance, rollout, library)) for row in rows]
+    needed = [(row, _measure_least_move(goal, row, instance, rollout, library)) for row in rows]
     return [
         (goal.objects[row], way) for row, way in needed if way < NUDGE and not _is_turned_as_asked(goal, row, rollout)
     ]
 
 
-def _check_fair_rewards(instances: Sequence[TaskInstance]) -> Finding:
-    """Who reads the reward alone would take a task for done whose last goals are worth next to nothing."""
-    short = [
-        f"goal {index + 1} is worth {goal.max_reward:.3f}, an even part is {even:.3f}"
-        for instance in instances
-        for index, (goal, even) in enumerate(
-            zip(instance.goals, _compute_even_reward_shares(instance.goals), strict=True)
-        )
-        if goal.max_reward < FAIR_SHARE * even
-    ]
+def check_fair_rewards(instances: Sequence[TaskInstance]) -> AuditFinding:
+    """The finding ``fair_rewards``: no goal is worth much less than an even part of the reward."""
+    short: list[str] = []
+    for goals in (instance.goals for instance in instances):
+        objects = sum(len(goal.objects) for goal in goals)
+        for number, goal in enumerate(goals, 1):
+            even = min(1 / len(goals), len(goal.objects) / max(objects, 1))
+            if goal.max_reward < FAIR_SHARE * even:
+                short.append(f"goal {number} is worth {goal.max_reward:.3f}, an even part is {even:.3f}")
     bound = f"each goal must be worth {FAIR_SHARE:.0%} of its even part of the reward, by goals or by objects"
-    return Finding.from_fault_list("fair_rewards", short, "no goal is worth much less than the others", bound)
+    return AuditFinding.from_fault_list("fair_rewards", short, "no goal is worth much less than the others", bound)
 
 
-def _compute_even_reward_shares(goals: Sequence[Goal]) -> list[float]:
-    """The part of the reward that each goal has if goals count alike, or if objects do, whichever is less."""
-    objects = sum(len(goal.objects) for goal in goals)
-    return [min(1 / len(goals), len(goal.objects) / max(objects, 1)) for goal in goals]
-
-
-def _check_solved_despite_hand_noise(rollouts: Sequence[Rollout], least: float) -> Finding:
-    """Whether the task stands on a knife's edge: the oracle's hand misses each pose by up to some millimetres."""
+def check_solved_despite_hand_noise(rollouts: Sequence[Rollout], least: float) -> AuditFinding:
+    """The finding ``sure_hand``: the oracle solves the task although its hand misses each pose by some millimetres."""
     trials = [trial for rollout in rollouts for trial in rollout.trials]
     solved = {noise: [trial.score >= least for trial in trials if trial.noise == noise] for noise in HAND_NOISE}
     tried = {noise: results for noise, results in solved.items() if results}
     first = tried.get(HAND_NOISE[0], [])
-    return Finding(
+    measured = "the oracle solved no instance, so none was tried with noise of the hand"
+    if tried:
+        counts = [f"{sum(results)} of {len(results)} with {noise * 1000:.0f} mm" for noise, results in tried.items()]
+        halved = [noise for noise, results in tried.items() if 2 * sum(results) < len(results)]
+        edge = f"fewer than half at {halved[0] * 1000:.0f} mm" if halved else "at least half with all of these"
+        measured = f"with a hand that misses by up to so much the oracle solves {', '.join(counts)}; {edge}"
+    return AuditFinding(
         check="sure_hand",
         passed=bool(first) and sum(first) >= SURE_HAND * len(first),
-        measured=_describe_noise_trials(tried),
+        measured=measured,
         bound=f"{SURE_HAND:.0%} must be solved with {HAND_NOISE[0] * 1000:.0f} mm",
     )
 
 
-def _describe_noise_trials(tried: Mapping[float, Sequence[bool]]) -> str:
-    """How many episodes were solved with each noise (m), and at which fewer than half are."""
-    if not tried:
-        return "the oracle solved no instance, so none was tried with noise of the hand"
-    counts = [f"{sum(results)} of {len(results)} with {noise * 1000:.0f} mm" for noise, results in tried.items()]
-    halved = [noise for noise, results in tried.items() if 2 * sum(results) < len(results)]
-    edge = f"fewer than half at {halved[0] * 1000:.0f} mm" if halved else "at least half with all of these"
-    return f"with a hand that misses by up to so much the oracle solves {', '.join(counts)}; {edge}"
+def _measure_least_move(goal: Goal, row: int, instance: TaskInstance, rollout: Rollout, library: Library) -> float:
+    """Least distance (m) along the table that an object must move for its goal to hold.
+
+    The oracle may move it farther. Returns: an upper bound; infinite if no move along the table can do.
+    """
+    if goal.metric == "pose":
+        start = rollout.initial[goal.objects[row]][0]
+        ends = [goal.targets[index][0] for index in goal.allowed_target_indices(row)]
+        ways = [math.dist(start[:2], end[:2]) if abs(start[2] - end[2]) < _LIFTED else math.inf for end in ends]
+        return min(ways, default=math.inf) - max(0.0, instance.pos_eps - _POSE_TOLERANCE)
+    prism = _compute_object_prism_at_start(goal.objects[row], instance, rollout, library)
+    if goal.metric == "zone":
+        return min(_distance_to_fit_inside(prism, zone_outline(zone)) for zone in goal.zones)
+    if goal.relation_kind == "aligned" and goal.required_distance is None:
+        # The best line goes through two of the centres; the largest residual counts.
+        points = np.array([rollout.initial[number][0][:2] for number in goal.objects])
+        least = math.inf
+        for start, end in combinations(points, 2):
+            x, y = end - start
+            length = float(np.hypot(x, y))
+            if length > _POSE_TOLERANCE:
+                residuals = np.abs(x * (points[:, 1] - start[1]) - y * (points[:, 0] - start[0])) / length
+                least = min(least, float(residuals.max()))
+        return least
+    if goal.relation_kind not in ("near", "in_zone") or any(
+        goal.reference_id in stated.objects for stated in instance.goals
+    ):
+        return math.inf
+    reference = _compute_object_prism_at_start(goal.reference_id, instance, rollout, library)
+    if goal.relation_kind == "in_zone":
+        return _distance_to_fit_inside(prism, reference.outline)
+    return distance_between_outlines(prism.outline, reference.outline) - (goal.required_distance or 0.0)
+
+
+def _distance_to_fit_inside(prism: Prism, around: FloatArray) -> float:
+    return max(0.0, -float(margins_inside_outline(prism.outline, around, _ORIGIN)[0]))
+
+
+def zone_outline(zone: Zone) -> FloatArray:
+    """Outline (4, 2) of a zone in the robot frame, m."""
+    (x, y, _), turn = zone.pose
+    return rectangle_outline((x, y), zone.size[:2], transforms.yaw_of_quaternion(turn))
+
+
+def _compute_object_prism_at_start(number: int, instance: TaskInstance, rollout: Rollout, library: Library) -> Prism:
+    item = next(item for item in instance.objects if item.id == number)
+    return object_prism_at_pose(load_object_model(item, library), rollout.initial[number], number)

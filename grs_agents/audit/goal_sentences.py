@@ -1,7 +1,7 @@
-"""What a task's goals ask for and what its film shows, in words: measured by trusted code, for whoever judges the task.
+"""Goals and episode of a task instance in sentences, measured by trusted code, for the judge of the task's words.
 
-A target in numbers becomes the thing that lies there. Relations are told by geometry alone: what an object is in, on or
-above, where others stood at the start, how far it moves.
+A target in numbers becomes the object that lies there. Relations follow from geometry alone: containment, support,
+places of other objects at the start, and distances moved.
 """
 
 import math
@@ -13,12 +13,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from grs_agents.base import Pose, Quat, Vec3
+from grs_agents.audit.goal_checks import zone_outline
+from grs_agents.base import Pose, Vec3
 from grs_agents.base.geometry import transforms
 from grs_agents.library.colors import color_name_from_rgb
 from grs_agents.library.library import Library
 from grs_agents.perception.types import SceneDescription, SceneObject
-from grs_agents.sim.cliport import utils
+from grs_agents.sim import utils
 from grs_agents.sim.instance.goal import Goal, Zone
 from grs_agents.sim.instance.task_instance import InstanceObject, TaskInstance
 from grs_agents.sim.rollouts import Rollout
@@ -28,7 +29,6 @@ from grs_agents.sim.world.footprints import (
     distance_between_outlines,
     margins_inside_outline,
     object_prism_at_pose,
-    rectangle_outline,
 )
 from grs_agents.sim.world.spec import load_object_model
 
@@ -36,27 +36,28 @@ Json = dict[str, Any]
 _RESTING: Final = 0.015
 """An underside within this height (m) of a top lies on it: targets are often a little too high."""
 _SAME_PLACE: Final = 0.02
-"""Two centres so near (m), seen from above, are one place."""
+"""Horizontal distance (m) within which two centres are at the same place."""
 _SEEN: Final = 0.01
 """Metres from which on people see that something moved."""
 _TURNED: Final = 10
 """And degrees from which on they see that it turned."""
 _DEEP: Final = 0.02
-"""What has lower walls (m), as a plate has, holds things on it rather than in it."""
+"""Height of walls (m) from which objects lie in a container rather than on it, as on a plate."""
 _POINT: Final = np.zeros((1, 2))
 
 
 @dataclass(frozen=True)
 class TaskInWords:
-    """One instance in words."""
+    """A task instance in words."""
 
-    objects: tuple[Json, ...]  # one row for each thing on the table; lengths in metres, robot frame
-    goals: tuple[str, ...]  # one sentence for each goal, in order
-    other_texts: tuple[str, ...] = ()  # what the program itself says of its goals, e.g. `goals 1 and 2: put it there`
+    objects: tuple[Json, ...]  # a row for each object on the table; lengths in metres, robot frame
+    goals: tuple[str, ...]  # a sentence for each goal, in order
+    other_texts: tuple[str, ...] = ()  # the program's sentences for its goals, e.g. `goals 1 and 2: put it there`
 
     @property
     def kind(self) -> tuple[object, ...]:
-        """What it is but for lengths and turns. Places on the table count: words may name an order."""
+        """Key of the kind of scene: everything but lengths and turns. Places on the table count, since words may name
+        an order."""
         words = [re.sub(r"-?\d+ (cm|degrees)", "", sentence) for sentence in self.goals]
         return (
             *self.other_texts,
@@ -68,7 +69,7 @@ class TaskInWords:
 def describe_task_in_words(
     instance: TaskInstance, rollout: Rollout, library: Library, scene: SceneDescription | None = None
 ) -> TaskInWords:
-    """An instance and the trusted oracle's film of it in words; ``scene`` tells what the photo calls its objects."""
+    """Describe an instance and the trusted oracle's episode; ``scene`` provides the photo's descriptions of objects."""
     table = _Table(instance, rollout, library, scene)
     goals = [
         f"{number}. {words}"
@@ -77,25 +78,20 @@ def describe_task_in_words(
     ]
     if instance.primitive == "push":
         goals.append("The robot pushes things with a spatula and picks nothing up.")
-    return TaskInWords(
-        tuple(table.describe_objects_as_rows()), tuple(goals), tuple(_list_program_goal_sentences(instance))
-    )
-
-
-def _list_program_goal_sentences(instance: TaskInstance) -> Iterator[str]:
-    """The sentences that the program gives its goals, each once, with the numbers of these."""
-    numbers: dict[str, list[int]] = {}
+    numbers: dict[str, list[str]] = {}  # of the goals by the sentence that the program gives them
     for number, goal in enumerate(instance.goals, 1):
-        numbers.setdefault(" ".join(goal.language.split()), []).append(number)
-    for sentence, own in numbers.items():
-        if sentence:
-            listed = " and ".join(map(str, own))
-            yield f"{'goals' if len(own) > 1 else 'goal'} {listed}: {sentence}"
+        numbers.setdefault(" ".join(goal.language.split()), []).append(str(number))
+    texts = [
+        f"{'goals' if len(listed) > 1 else 'goal'} {' and '.join(listed)}: {sentence}"
+        for sentence, listed in numbers.items()
+        if sentence
+    ]
+    return TaskInWords(tuple(table.describe_objects_as_rows()), tuple(goals), tuple(texts))
 
 
 @dataclass(frozen=True)
 class _Table:
-    """What stands on the table at the start and at the end."""
+    """Objects on the table at the start and at the end of an episode."""
 
     instance: TaskInstance
     rollout: Rollout
@@ -104,7 +100,7 @@ class _Table:
 
     @cached_property
     def names(self) -> dict[int, str]:
-        """What each object is called, with its number."""
+        """Name and number of each object, by id."""
         return {item.id: f"the {self._everyday_object_name(item)} #{item.id}" for item in self.instance.objects}
 
     @cached_property
@@ -119,7 +115,7 @@ class _Table:
 
     @cached_property
     def hollow(self) -> set[int]:
-        """The objects that other things can be put in or on."""
+        """Ids of the objects that others can be put in or on."""
         return {item.id for item in self.instance.objects if self.library.asset(item.asset).hollow}
 
     @cached_property
@@ -135,7 +131,7 @@ class _Table:
 
     @cached_property
     def marks(self) -> set[int]:
-        """What is drawn on the table and touches nothing."""
+        """Ids of the marks: objects without colliders."""
         return {item.id for item in self.instance.objects if not load_object_model(item, self.library).colliders}
 
     def _compute_prism_per_object(self, poses: Mapping[int, Pose]) -> dict[int, Prism]:
@@ -146,7 +142,7 @@ class _Table:
         }
 
     def _find_category_color_and_description(self, item: InstanceObject) -> tuple[str, str, str]:
-        """Category, colour and description of an object: of the photo's, where it shows one, else of the library's."""
+        """Category, colour and description of an object, from the photo if it is in it, else from the library."""
         asset, seen = self.library.asset(item.asset), self._find_matching_photo_object(item)
         color = _color_name_set_by_program(item) or (seen.color if seen else asset.color)
         if seen is None or item.asset.startswith("proxy/"):
@@ -154,7 +150,7 @@ class _Table:
         return seen.category, color, f"{seen.description}; {asset.description}"
 
     def _everyday_object_name(self, item: InstanceObject) -> str:
-        """What people call an object, e.g. ``tomato sauce can``, ``green zone`` or ``red block``."""
+        """Everyday name of an object, e.g. ``tomato sauce can``, ``green zone`` or ``red block``."""
         category, color, _ = self._find_category_color_and_description(item)
         asset, (folder, _, file) = self.library.asset(item.asset), item.asset.rpartition("/")
         if folder in ("block", "proxy", "zone") or asset.template or not asset.everyday:
@@ -163,12 +159,12 @@ class _Table:
         return stem if category in stem.split() else f"{stem} {category}"
 
     def _find_matching_photo_object(self, item: InstanceObject) -> SceneObject | None:
-        """The photo's object of that asset nearest to where it is put."""
+        """The nearest object of the photo with the same asset."""
         seen = [thing for thing in self.scene.objects if thing.asset == item.asset] if self.scene else []
         return min(seen, key=lambda thing: math.dist(thing.position, item.pose[0]), default=None)
 
     def describe_objects_as_rows(self) -> Iterator[Json]:
-        """One row for each object."""
+        """A row for each object."""
         for item in self.instance.objects:
             category, color, description = self._find_category_color_and_description(item)
             row: Json = {"id": item.id, "called": self.names[item.id][4:].rpartition(" #")[0]}
@@ -198,7 +194,9 @@ class _Table:
             row |= {"end": _round_to_millimetres(end[0]), "moved": round(moved, 3)}
         if turned > _TURNED:
             row["turned"] = round(turned)
-        if (tipped := _tilt_change_degrees(begin[1], end[1])) > _TURNED:
+        back = transforms.invert_pose(((0, 0, 0), begin[1]))[1]
+        x, y, _, _ = transforms.multiply_quaternions(end[1], back)
+        if (tipped := math.degrees(math.acos(max(-1.0, 1 - 2 * (x * x + y * y))))) > _TURNED:
             row["tipped"] = round(tipped)
         if actions := [index for index, handled in enumerate(self.rollout.handled, 1) if number in handled]:
             row["actions"] = actions
@@ -210,27 +208,32 @@ class _Table:
         """Degrees by which an object turns."""
         return math.degrees(transforms.angle_between(self.rollout.initial[number][1], self.rollout.final[number][1]))
 
-    def _list_support_phrases(self, own: Prism, others: Mapping[int, Prism]) -> list[str]:
-        return [f"{how} #{number}" for how, number in self._find_supports(own, others)]
+    def _list_support_phrases(self, prism: Prism, others: Mapping[int, Prism]) -> list[str]:
+        return [f"{how} #{number}" for how, number in self._find_supports(prism, others)]
 
-    def _find_supports(self, own: Prism, others: Mapping[int, Prism]) -> list[tuple[str, int]]:
-        """What a thing is in or on."""
-        if own.owner in self.marks:
+    def _find_supports(self, prism: Prism, others: Mapping[int, Prism]) -> list[tuple[str, int]]:
+        """Relation and id of each object that supports or contains ``own``."""
+        if prism.owner in self.marks:
             return []
-        told = [
-            (self._classify_in_or_on(own, other), number) for number, other in others.items() if number != own.owner
+        relations = [
+            (self._classify_in_or_on(prism, support), number)
+            for number, support in others.items()
+            if number != prism.owner
         ]
-        return [(how, number) for how, number in told if how]
+        return [(how, number) for how, number in relations if how]
 
-    def _classify_in_or_on(self, own: Prism, other: Prism) -> str:
-        """``in`` or ``on``, empty where a thing is neither."""
-        over, number = _is_center_over(own, other), other.owner
-        if over and number in self.walled and other.low - _RESTING <= own.low < other.high - 0.002:
+    def _classify_in_or_on(self, prism: Prism, support: Prism) -> str:
+        """Relation of an object to a supporting object: ``in``, ``on`` or empty."""
+        x0, y0, x1, y1 = prism.bounding_box_xy
+        middle = np.array([[(x0 + x1) / 2, (y0 + y1) / 2]])
+        over, number = bool(margins_inside_outline(_POINT, support.outline, middle)[0] >= 0), support.owner
+        if over and number in self.walled and support.low - _RESTING <= prism.low < support.high - 0.002:
             return "in"
         if over and number in self.marks | self.hollow:
-            return "on" if other.low - _RESTING <= own.low < other.high + _RESTING else ""
-        higher = own.low > (other.low + other.high) / 2  # grains lie beside each other
-        return "on" if higher and abs(own.low - other.high) < _RESTING and _overlap_from_above(own, other) else ""
+            return "on" if support.low - _RESTING <= prism.low < support.high + _RESTING else ""
+        higher = prism.low > (support.low + support.high) / 2  # grains lie beside each other
+        touching = higher and abs(prism.low - support.high) < _RESTING
+        return "on" if touching and distance_between_outlines(prism.outline, support.outline) <= 0 else ""
 
     def list_goal_sentences(self, goal: Goal) -> Iterator[str]:
         """A sentence for all objects of a goal that may end at the same places."""
@@ -249,20 +252,20 @@ class _Table:
 
     def _describe_relation(self, goal: Goal) -> str:
         kind, distance = goal.relation_kind, goal.required_distance
-        other = self.names[goal.reference_id] if goal.relation and goal.relation.reference is not None else ""
+        reference = self.names[goal.reference_id] if goal.relation and goal.relation.reference is not None else ""
         apart = f", {100 * distance:.0f} cm from centre to centre" if distance else ""
-        near = f"beside {other}, at most {100 * (distance or 0):.0f} cm from it"
+        near = f"beside {reference}, at most {100 * (distance or 0):.0f} cm from it"
         return {
-            "inside": f"in {other}",
-            "on": f"on {other}",
-            "in_zone": f"on {other}",
+            "inside": f"in {reference}",
+            "on": f"on {reference}",
+            "in_zone": f"on {reference}",
             "near": near,
             "stacked": "stacked, in this order from the bottom up",
             "aligned": f"on one line{apart}",
         }.get(str(kind), "standing upright")
 
     def _describe_allowed_places(self, goal: Goal, row: int, number: int) -> str:
-        """All places that will do for one object."""
+        """All allowed places of an object."""
         if goal.metric == "zone":
             return "; or ".join(dict.fromkeys(self._describe_zone(zone, number) for zone in goal.zones))
         targets = [goal.targets[index] for index in goal.allowed_target_indices(row)]
@@ -273,48 +276,41 @@ class _Table:
         return "; or ".join(words) + once + (f", turned by {turned:.0f} degrees" if turn else "")
 
     def _describe_zone(self, zone: Zone, number: int) -> str:
-        """A region by the smallest thing that it is all of, or a part of."""
-        corners = rectangle_outline(
-            (zone.pose[0][0], zone.pose[0][1]), zone.size[:2], transforms.yaw_of_quaternion(zone.pose[1])
-        )
+        """Describe a zone by the smallest object that contains it, else by its size and place."""
+        corners = zone_outline(zone)
         around = [
-            (float(np.ptp(prism.outline, axis=0).prod()), other)
-            for other, prism in self.end.items()
-            if other != number and margins_inside_outline(corners, prism.outline, _POINT)[0] >= -_SEEN
+            (float(np.ptp(prism.outline, axis=0).prod()), container)
+            for container, prism in self.end.items()
+            if container != number and margins_inside_outline(corners, prism.outline, _POINT)[0] >= -_SEEN
         ]
         if around:
-            other = min(around)[1]
-            return f"{'in' if other in self.walled else 'on'} {self.names[other]}"
+            container = min(around)[1]
+            return f"{'in' if container in self.walled else 'on'} {self.names[container]}"
         x, y, _ = zone.pose[0]
         width, depth = (f"{100 * extent:.0f} cm" for extent in zone.size[:2])
         return f"in an area without a mark, {width} x {depth}, around ({100 * x:.0f} cm, {100 * y:.0f} cm)"
 
     def _describe_target(self, target: Pose, number: int) -> str:
-        """A pose by what is below it, whose place it was, and how far away it is."""
+        """Describe a pose by its support, by the object that stood there, and by its distance from the start."""
         item = next(item for item in self.instance.objects if item.id == number)
-        own = object_prism_at_pose(load_object_model(item, self.library), target, number)
-        words = [f"{how} {self.names[other]}" for how, other in self._find_supports(own, self.end)]
+        prism = object_prism_at_pose(load_object_model(item, self.library), target, number)
+        words = [f"{how} {self.names[neighbor]}" for how, neighbor in self._find_supports(prism, self.end)]
         if not words:
             moved = math.dist(self.rollout.initial[number][0], target[0])
-            where = "on the bare table" if abs(own.low) < 2 * _RESTING else f"{100 * own.low:.0f} cm above the table"
+            where = (
+                "on the bare table" if abs(prism.low) < 2 * _RESTING else f"{100 * prism.low:.0f} cm above the table"
+            )
             words.append(f"{where}, {100 * moved:.0f} cm from its own start")
-        for other, pose in self.rollout.initial.items():
-            gone = other != number and math.dist(pose[0], self.rollout.final[other][0]) > _SAME_PLACE
+        for neighbor, pose in self.rollout.initial.items():
+            gone = neighbor != number and math.dist(pose[0], self.rollout.final[neighbor][0]) > _SAME_PLACE
             if gone and math.dist(pose[0][:2], target[0][:2]) < _SAME_PLACE:
-                words.append(f"where {self.names[other]} stands at the start")
+                words.append(f"where {self.names[neighbor]} stands at the start")
         x, y, _ = target[0]
         return f"{' and '.join(words)}, at ({100 * x:.0f}, {100 * y:.0f})"
 
 
-def _tilt_change_degrees(start: Quat, end: Quat) -> float:
-    """By how many degrees a thing leans at the end against how it stood."""
-    back = transforms.invert_pose(((0, 0, 0), start))[1]
-    x, y, _, _ = transforms.multiply_quaternions(end, back)
-    return math.degrees(math.acos(max(-1.0, 1 - 2 * (x * x + y * y))))
-
-
 def _color_name_set_by_program(item: InstanceObject) -> str:
-    """The name of the colour that the program gave an object, empty where it gave none."""
+    """Name of the colour that the program gave an object; empty if it gave none."""
     filled = item.fill.get("COLOR", ())
     rgb = item.color or tuple(float(value) for value in filled if not isinstance(value, str))
     if len(rgb) < 3:
@@ -322,18 +318,6 @@ def _color_name_set_by_program(item: InstanceObject) -> str:
     named = min(utils.COLORS, key=lambda name: math.dist(utils.COLORS[name], rgb[:3]))
     exact = math.dist(utils.COLORS[named], rgb[:3]) < 0.02
     return named if exact else color_name_from_rgb((rgb[0], rgb[1], rgb[2]))
-
-
-def _is_center_over(own: Prism, other: Prism) -> bool:
-    """Whether the middle of a thing is over another one."""
-    x0, y0, x1, y1 = own.bounding_box_xy
-    middle = np.array([[(x0 + x1) / 2, (y0 + y1) / 2]])
-    return bool(margins_inside_outline(_POINT, other.outline, middle)[0] >= 0)
-
-
-def _overlap_from_above(own: Prism, other: Prism) -> bool:
-    """Whether two things overlap, seen from above."""
-    return distance_between_outlines(own.outline, other.outline) <= 0
 
 
 def _conjugate_end(numbers: Sequence[int]) -> str:

@@ -1,7 +1,7 @@
-"""Mutants: task instances with one fault each, which tests with teeth tell from the instance that was audited."""
+"""Mutants: task instances with a single fault, which good tests tell from the audited instance."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -28,17 +28,17 @@ MutantKind = Literal[
 SHIFT: Final = 0.05
 """Metres that a target is moved: five times the tolerance of a pose, and the least that a move is to be."""
 _MOVED, _TURNED = 0.02, math.radians(15)
-"""What has changed by more was moved, metres and radians."""
+"""Thresholds of a move: metres, radians."""
 _STAND_INS: Final = ("block/red_block.urdf", "block/blue_block.urdf")
 _PLACES: Final = ("inside", "on", "in_zone")
-"""Relations to something that beside it do not hold."""
+"""Relations that do not hold beside their reference."""
 _WHOLE_ONLY: Final = ("stacked", "aligned")
-"""Relations of several objects to one another: without one of them such a goal is another."""
+"""Relations among several objects: without an object, the goal is another goal."""
 
 
 @dataclass(frozen=True)
 class Mutant:
-    """One fault."""
+    """A task instance with a fault."""
 
     kind: MutantKind
     what: str  # the fault in words
@@ -46,61 +46,60 @@ class Mutant:
 
 
 def make_instance_mutants(instance: TaskInstance, solved: Rollout, library: Library) -> tuple[Mutant, ...]:
-    """Mutants of an instance that the oracle solved.
+    """Make the mutants of an instance that the oracle solved.
 
-    The last two objects that it moved stand for all, so that the cost does not grow with their number: the episodes of
-    these mutants begin as that of the task does, which is simulated once.
+    Only the last two moved objects are mutated, so that the cost does not grow with their number: the episodes of these
+    mutants begin as the task's own does, which is simulated once.
     """
-    movers = _find_moved_objects(instance, solved)
-    chosen = movers[-2:]
-    made = [_make_goal_dropped_mutant(instance, item) for item in chosen]
-    made += [mutant for item in chosen if (mutant := _make_moved_target_mutant(instance, item)) is not None]
-    made += _make_exchanged_places_mutant(instance, solved, chosen, library)
-    made += [_make_frozen_object_mutant(instance, item) for item in chosen[:1]]
-    made += [
-        _make_wrong_asset_mutant(instance, item, library) for item in chosen[-1:]
-    ]  # nothing of its episode is shared
-    made += [
-        _make_goal_met_mutant(instance, solved, movers[:count])
-        for count in sorted({len(chosen[:1]), len(movers)} - {0})
-    ]
-    return (*made, Mutant("undone", "all stands where it stood before once the goals were met", instance))
-
-
-def _find_moved_objects(instance: TaskInstance, solved: Rollout) -> tuple[InstanceObject, ...]:
-    """The objects of goals that the oracle moved, in the order of the goals."""
     items = {item.id: item for item in instance.objects}
     named = dict.fromkeys(number for goal in instance.goals for number in goal.objects)
-    return tuple(items[n] for n in named if n in solved.final and _has_moved(solved.initial[n], solved.final[n]))
-
-
-def _has_moved(start: Pose, end: Pose) -> bool:
-    return math.dist(start[0], end[0]) > _MOVED or transforms.angle_between(start[1], end[1]) > _TURNED
+    movers: list[InstanceObject] = []
+    for number in (number for number in named if number in solved.final):
+        start, end = solved.initial[number], solved.final[number]
+        if math.dist(start[0], end[0]) > _MOVED or transforms.angle_between(start[1], end[1]) > _TURNED:
+            movers.append(items[number])
+    chosen = movers[-2:]
+    mutants: list[Mutant] = []
+    for item in chosen:
+        goals = tuple(kept for goal in instance.goals for kept in _remove_object_from_goal(goal, item.id))
+        what = f"nothing asks for {_asset_with_id(item)} any more"
+        mutants.append(Mutant("goal_dropped", what, instance.model_copy(update={"goals": goals})))
+    mutants += [mutant for item in chosen if (mutant := _make_moved_target_mutant(instance, item)) is not None]
+    mutants += _make_exchanged_places_mutant(instance, solved, chosen, library)
+    for item in chosen[:1]:
+        frozen = item.model_copy(update={"category": "fixed"})
+        what = f"{_asset_with_id(item)} cannot be moved"
+        mutants.append(_make_mutant_with_objects(instance, "object_frozen", what, frozen))
+    # Nothing of this mutant's episode is shared.
+    mutants += [_make_wrong_asset_mutant(instance, item, library) for item in chosen[-1:]]
+    for count in sorted({len(chosen[:1]), len(movers)} - {0}):
+        at_end = [item.model_copy(update={"pose": solved.final[item.id]}) for item in movers[:count]]
+        names = ", ".join(map(_asset_with_id, movers[:count]))
+        what = f"{names} {'start' if count > 1 else 'starts'} where the task wants it"
+        mutants.append(_make_mutant_with_objects(instance, "goal_already_met", what, *at_end))
+    return (*mutants, Mutant("undone", "all stands where it stood before once the goals were met", instance))
 
 
 def _asset_with_id(item: InstanceObject) -> str:
     return f"{item.asset} #{item.id}"
 
 
-def _make_goal_dropped_mutant(instance: TaskInstance, item: InstanceObject) -> Mutant:
-    goals = tuple(kept for goal in instance.goals for kept in _remove_object_from_goal(goal, item.id))
-    what = f"nothing asks for {_asset_with_id(item)} any more"
-    return Mutant("goal_dropped", what, instance.model_copy(update={"goals": goals}))
-
-
 def _remove_object_from_goal(goal: Goal, number: int) -> Iterator[Goal]:
-    """The goal without an object; nothing where it makes no sense without."""
+    """The goal without an object; nothing if it is meaningless without it."""
     if number not in goal.objects:
         yield goal
     elif len(goal.objects) > 1 and goal.relation_kind not in _WHOLE_ONLY:
-        rows = [row for row, other in enumerate(goal.objects) if other != number]
+        rows = [row for row, object_id in enumerate(goal.objects) if object_id != number]
         fields = ("objects", "matches", "symmetries")
         yield goal.model_copy(update={name: tuple(getattr(goal, name)[row] for row in rows) for name in fields})
 
 
 def _make_moved_target_mutant(instance: TaskInstance, item: InstanceObject) -> Mutant | None:
-    """The targets and zones of the object's goals moved along y, towards the middle of the table, and what a typed goal
-    wants in or on something wanted beside that; None where its goals have no such place."""
+    """Move the targets and zones of an object's goals along y towards the middle of the table, and ask for a place
+    beside the reference of a typed goal.
+
+    None if its goals have no such place.
+    """
     goals = tuple(_move_target_of_goal(goal) if item.id in goal.objects else goal for goal in instance.goals)
     if goals == instance.goals:
         return None
@@ -114,32 +113,26 @@ def _make_moved_target_mutant(instance: TaskInstance, item: InstanceObject) -> M
 def _make_exchanged_places_mutant(
     instance: TaskInstance, solved: Rollout, chosen: Sequence[InstanceObject], library: Library
 ) -> Iterator[Mutant]:
-    """Each of two objects is to end where the other one is: none where they are alike, or end in or on the same."""
+    """Exchange the places of two objects; no mutant if they are alike, or end in or on the same objects."""
     if len(chosen) < 2 or (chosen[0].asset, chosen[0].fill) == (chosen[1].asset, chosen[1].fill):
         return
-    one, other = chosen
+    first, second = chosen
     rows = {row["id"]: row.get("ends", ()) for row in describe_task_in_words(instance, solved, library).objects}
-    if set(rows[one.id]) == set(rows[other.id]):
+    if set(rows[first.id]) == set(rows[second.id]):
         return
-    names, heights = {one.id: other.id, other.id: one.id}, _rest_heights(chosen, library)
-    goals = tuple(_exchange_objects_of_goal(goal, names, heights) for goal in instance.goals)
-    what = f"{_asset_with_id(one)} and {_asset_with_id(other)} are each to end where the other one is"
-    yield Mutant("exchanged", what, instance.model_copy(update={"goals": goals}))
-
-
-def _rest_heights(items: Sequence[InstanceObject], library: Library) -> dict[int, float]:
-    """How far the origin of each object is above what it stands on, metres."""
     flat: Pose = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
-    return {item.id: -object_prism_at_pose(load_object_model(item, library), flat, item.id).low for item in items}
-
-
-def _exchange_objects_of_goal(goal: Goal, names: Mapping[int, int], heights: Mapping[int, float]) -> Goal:
-    """The goal with other objects; a target for one alone is raised or lowered to where the other one rests."""
-    mine = [number for number in goal.objects if number in names]
-    rise = heights[names[mine[0]]] - heights[mine[0]] if len(goal.objects) == len(mine) == 1 else 0.0
-    targets = tuple(((x, y, z + rise), turn) for (x, y, z), turn in goal.targets)
-    objects = tuple(names.get(number, number) for number in goal.objects)
-    return goal.model_copy(update={"objects": objects, "targets": targets})
+    exchanged = {first.id: second.id, second.id: first.id}
+    heights = {item.id: -object_prism_at_pose(load_object_model(item, library), flat, item.id).low for item in chosen}
+    goals: list[Goal] = []
+    for goal in instance.goals:
+        mine = [number for number in goal.objects if number in exchanged]
+        single = len(goal.objects) == len(mine) == 1  # whose target rises by the difference of the rest heights
+        rise = heights[exchanged[mine[0]]] - heights[mine[0]] if single else 0.0
+        targets = tuple(((x, y, z + rise), turn) for (x, y, z), turn in goal.targets)
+        objects = tuple(exchanged.get(number, number) for number in goal.objects)
+        goals.append(goal.model_copy(update={"objects": objects, "targets": targets}))
+    what = f"{_asset_with_id(first)} and {_asset_with_id(second)} are each to end where the other one is"
+    yield Mutant("exchanged", what, instance.model_copy(update={"goals": tuple(goals)}))
 
 
 def _is_place(goal: Goal) -> bool:
@@ -147,7 +140,7 @@ def _is_place(goal: Goal) -> bool:
 
 
 def _move_target_of_goal(goal: Goal) -> Goal:
-    """The goal with another place; the same where it has none."""
+    """The goal with another place; unchanged if it has none."""
     if goal.relation is not None:
         beside = goal.relation.model_copy(update={"kind": "near", "distance": SHIFT})
         return goal.model_copy(update={"relation": beside}) if _is_place(goal) else goal
@@ -162,31 +155,20 @@ def _move_target_of_goal(goal: Goal) -> Goal:
     return goal.model_copy(update={"targets": tuple(map(shift_pose_along_y, goal.targets)), "zones": zones})
 
 
-def _make_frozen_object_mutant(instance: TaskInstance, item: InstanceObject) -> Mutant:
-    frozen = item.model_copy(update={"category": "fixed"})
-    return _make_mutant_with_objects(instance, "object_frozen", f"{_asset_with_id(item)} cannot be moved", frozen)
-
-
 def _make_wrong_asset_mutant(instance: TaskInstance, item: InstanceObject, library: Library) -> Mutant:
     """Another movable asset of the instance in the place of an object, else a block."""
-    others = [other for other in instance.objects if other.role == "task" and other.category != "fixed"]
-    usable = [other.asset for other in others if not other.fill]
+    movable = [item for item in instance.objects if item.role == "task" and item.category != "fixed"]
+    usable = [item.asset for item in movable if not item.fill]
     asset = next(name for name in (*usable, *_STAND_INS) if name != item.asset)
-    other = InstanceObject(id=item.id, asset=asset, pose=item.pose)
+    stand_in = InstanceObject(id=item.id, asset=asset, pose=item.pose)
     low = item.pose[0][2] - load_object_model(item, library).size[2] / 2
-    height = max(0.0, low) + load_object_model(other, library).size[2] / 2
+    height = max(0.0, low) + load_object_model(stand_in, library).size[2] / 2
     pose = ((*item.pose[0][:2], height), (0.0, 0.0, 0.0, 1.0))
     what = f"{asset} stands where {_asset_with_id(item)} should"
-    return _make_mutant_with_objects(instance, "wrong_asset", what, other.model_copy(update={"pose": pose}))
+    return _make_mutant_with_objects(instance, "wrong_asset", what, stand_in.model_copy(update={"pose": pose}))
 
 
 def _make_mutant_with_objects(instance: TaskInstance, kind: MutantKind, what: str, *items: InstanceObject) -> Mutant:
     changed = {item.id: item for item in items}
     objects = tuple(changed.get(item.id, item) for item in instance.objects)
     return Mutant(kind, what, instance.model_copy(update={"objects": objects}))
-
-
-def _make_goal_met_mutant(instance: TaskInstance, solved: Rollout, items: Sequence[InstanceObject]) -> Mutant:
-    at_end = [item.model_copy(update={"pose": solved.final[item.id]}) for item in items]
-    what = f"{', '.join(map(_asset_with_id, items))} {'start' if len(items) > 1 else 'starts'} where the task wants it"
-    return _make_mutant_with_objects(instance, "goal_already_met", what, *at_end)

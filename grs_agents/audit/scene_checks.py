@@ -1,59 +1,79 @@
 """Checks of the scenes themselves: as the photo shows them, apart at the start, at rest and undisturbed at the end."""
 
 import math
-from collections.abc import Iterator, Sequence, Set
+from collections.abc import Iterator, Mapping, Sequence, Set
 from typing import Final
 
-from grs_agents.audit.goal_checks import asset_with_id, pair_instances_with_rollouts
+import numpy as np
+
+from grs_agents.audit.goal_checks import asset_with_id, is_movable_object, pair_instances_with_rollouts
 from grs_agents.audit.pose_changes import find_pose_changes, is_tilted
-from grs_agents.audit.types import Finding, join_first_distinct
+from grs_agents.audit.types import AuditFinding, join_first_distinct
+from grs_agents.base import Pose
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.library.library import Library
 from grs_agents.perception.types import SceneDescription
 from grs_agents.sim.instance.task_instance import InstanceObject, TaskInstance
 from grs_agents.sim.rollouts import Rollout
+from grs_agents.sim.world.footprints import Prism, find_prisms_at_pose, margins_inside_outline
+from grs_agents.sim.world.spec import load_object_model
 
 DEPTH: Final = 0.005
-"""Metres that one object may reach into another before the scene settles: what a photo's depth leaves open."""
+"""Most penetration (m) of two objects before the scene settles, within the depth noise of a photo."""
 SHIFT: Final = 0.02
 SINK: Final = 0.03
-"""What settling moves sideways, or up or down, by more than this (m) was not put where it can stand."""
+"""Most displacement (m) by settling: ``SHIFT`` sideways, ``SINK`` vertically."""
 LEVEL: Final = 0.75
 """Share of an object's weight that must rest on contacts that are nearly level; honest tasks have 0.97 or more."""
 SQUEEZE: Final = 0.75
-"""Sideways forces over the weight: less than 0.3 in honest tasks, 1.1 to 6 for what is wedged in a bowl."""
+"""Most sideways force over the weight: less than 0.3 in honest tasks, 1.1 to 6 for objects wedged in a bowl."""
 OPAQUE, BURIED = 0.5, 0.0005
 """Objects of a task are at least so opaque, and marks no deeper (m) under the table top: people must see them."""
 DISTURBED: Final = 0.01
 """Metres that a bystander may move."""
+SEEN: Final = 0.4
+"""Least share of an object's area that must be visible from above at the start or at the end."""
+CONTRAST: Final = 0.05
+"""Least distance of the colours (RGB in 0..1) of a mark and its ground."""
+_POINTS: Final = 15
+"""Rows and columns of the sample points of an object."""
+_SAME_HEIGHT: Final = 0.0003
+"""Difference in height (m) below which two surfaces flicker (z-fighting)."""
+_ORIGIN: Final = np.zeros((1, 2))
 
 
 def list_scene_findings(
     instances: Sequence[TaskInstance], rollouts: Sequence[Rollout], library: Library, scene: SceneDescription | None
-) -> list[Finding]:
-    """Findings about where things stand, in all instances."""
+) -> list[AuditFinding]:
+    """Findings about the poses of objects, in all instances."""
     pairs = pair_instances_with_rollouts(instances, rollouts)
     findings = [
-        _check_objects_start_apart_and_stable(pairs),
-        _check_objects_rest_at_end(pairs),
-        _check_bystanders_undisturbed(pairs),
+        check_objects_start_apart_and_stable(pairs),
+        check_objects_rest_at_end(pairs),
+        check_bystanders_undisturbed(pairs),
     ]
-    return [_check_photo_poses(instances, scene, library), *findings] if scene is not None else findings
+    return [check_photo_poses(instances, scene, library), *findings] if scene is not None else findings
 
 
-def _check_photo_poses(instances: Sequence[TaskInstance], scene: SceneDescription, library: Library) -> Finding:
+def check_photo_poses(instances: Sequence[TaskInstance], scene: SceneDescription, library: Library) -> AuditFinding:
+    """The finding ``photo_poses``: objects of the photo keep their poses and colours, unless there is a measured
+    reason."""
     changes = find_pose_changes(instances, scene, library)
     moved = [change for change in changes if change.photo is not None and not change.reason]
     wrong = [
-        f"{one.asset} is {(one.distance or 0.0) * 100:.0f} cm from there and turned by {one.turned or 0.0:.0f} degrees "
-        f"in seed {one.seed}"
-        for one in moved
+        f"{change.asset} is {(change.distance or 0.0) * 100:.0f} cm from there and turned by "
+        f"{change.turned or 0.0:.0f} degrees in seed {change.seed}"
+        for change in moved
     ]
-    wrong += _describe_painted_or_tied_objects(instances, {item.asset for item in scene.objects})
+    wrong += [f"objects are tied in seed {instance.seed}" for instance in instances if instance.ties]
+    painted = [item.asset for instance in instances for item in instance.task_objects if item.color is not None]
+    shown = {item.asset for item in scene.objects}
+    wrong += [f"{asset} is painted" for asset in painted if asset in shown]
     excused = [f"{change.asset} for it {change.reason}" for change in changes if change.reason]
     measured = join_first_distinct(wrong) or "everything that the photo shows stands as it shows it"
     if excused:
         measured += f"; moved with a reason: {join_first_distinct(excused)}"
-    return Finding(
+    return AuditFinding(
         check="photo_poses",
         passed=not wrong,
         measured=measured,
@@ -61,72 +81,53 @@ def _check_photo_poses(instances: Sequence[TaskInstance], scene: SceneDescriptio
     )
 
 
-def _describe_painted_or_tied_objects(instances: Sequence[TaskInstance], shown: Set[str]) -> list[str]:
-    """Words on what a program painted or tied together."""
-    tied = [f"objects are tied in seed {instance.seed}" for instance in instances if instance.ties]
-    painted = [item.asset for instance in instances for item in instance.task_objects if item.color is not None]
-    return [*tied, *(f"{asset} is painted" for asset in painted if asset in shown)]
-
-
-def _check_objects_start_apart_and_stable(pairs: Sequence[tuple[TaskInstance, Rollout]]) -> Finding:
+def check_objects_start_apart_and_stable(pairs: Sequence[tuple[TaskInstance, Rollout]]) -> AuditFinding:
+    """The finding ``clear_start``: no overlaps, nothing invisible, and no motion while the scene settles."""
     faults = [fault for instance, rollout in pairs for fault in _describe_unstable_start(instance, rollout)]
     bound = f"nothing may reach {DEPTH * 1000:.0f} mm into another thing, a bystander stand on a mark, or settling "
     bound += f"move anything {SHIFT * 100:.0f} cm sideways, {SINK * 100:.0f} cm up or down, or tip it"
-    return Finding.from_fault_list("clear_start", faults, "objects are apart, and stay where they are put", bound)
+    return AuditFinding.from_fault_list("clear_start", faults, "objects are apart, and stay where they are put", bound)
 
 
 def _describe_unstable_start(instance: TaskInstance, rollout: Rollout) -> Iterator[str]:
     bystanders = {item.id for item in instance.objects if item.role == "bystander"}
     excused = [{tie.parent, tie.child} for tie in instance.ties]
-    for one in rollout.overlaps:
-        pair = {one.first, one.second}
+    for overlap in rollout.overlaps:
+        pair = {overlap.first, overlap.second}
         # How two bystanders stand is the photo's doing, not the program's; if it moves them, that is a fault.
-        if one.depth > DEPTH and not pair <= bystanders and pair not in excused:
-            names = f"{asset_with_id(instance, one.first)} and {asset_with_id(instance, one.second)}"
-            yield f"{names} reach {one.depth * 1000:.0f} mm into each other"
-    yield from _describe_invisible_objects(instance)
-    for item in instance.objects:
-        if item.id in rollout.initial and _has_settled_elsewhere(item, rollout):
-            away = math.dist(item.pose[0], rollout.initial[item.id][0])
+        if overlap.depth > DEPTH and not pair <= bystanders and pair not in excused:
+            names = f"{asset_with_id(instance, overlap.first)} and {asset_with_id(instance, overlap.second)}"
+            yield f"{names} reach {overlap.depth * 1000:.0f} mm into each other"
+    for item in instance.task_objects:
+        colors = (item.color or (), item.fill.get("COLOR", ()))
+        transparent = any(len(color) > 3 and float(color[3]) < OPAQUE for color in colors)
+        if transparent or (item.asset.startswith("zone/") and item.pose[0][2] < -BURIED):
+            yield f"{asset_with_id(instance, item.id)} cannot be seen"
+    for item in (item for item in instance.objects if item.id in rollout.initial):
+        start, rest = item.pose, rollout.initial[item.id]
+        moved = math.dist(start[0][:2], rest[0][:2]) > SHIFT or abs(start[0][2] - rest[0][2]) > SINK
+        if moved or is_tilted(start, rest):
+            away = math.dist(start[0], rest[0])
             yield f"settling moves {asset_with_id(instance, item.id)} by {away * 100:.1f} cm or tips it"
 
 
-def _describe_invisible_objects(instance: TaskInstance) -> Iterator[str]:
-    return (
-        f"{asset_with_id(instance, item.id)} cannot be seen"
-        for item in instance.task_objects
-        if _is_transparent_or_buried(item)
-    )
-
-
-def _is_transparent_or_buried(item: InstanceObject) -> bool:
-    """Whether an object is transparent, or a mark that lies under the table top."""
-    colors = (item.color or (), item.fill.get("COLOR", ()))
-    transparent = any(len(color) > 3 and float(color[3]) < OPAQUE for color in colors)
-    return transparent or (item.asset.startswith("zone/") and item.pose[0][2] < -BURIED)
-
-
-def _has_settled_elsewhere(item: InstanceObject, rollout: Rollout) -> bool:
-    start, rest = item.pose, rollout.initial[item.id]
-    moved = math.dist(start[0][:2], rest[0][:2]) > SHIFT or abs(start[0][2] - rest[0][2]) > SINK
-    return moved or is_tilted(start, rest)
-
-
-def _check_objects_rest_at_end(pairs: Sequence[tuple[TaskInstance, Rollout]]) -> Finding:
-    """Contacts and forces tell what stands from what hangs or is wedged, whatever its height."""
+def check_objects_rest_at_end(pairs: Sequence[tuple[TaskInstance, Rollout]]) -> AuditFinding:
+    """The finding ``rests_at_end``: contact forces separate resting objects from hanging or wedged objects."""
     faults = [
-        f"{asset_with_id(instance, one.object)} rests on level ground with {one.carried:.0%} of its weight, "
-        f"sideways forces are {one.squeeze:.1f} times it"
+        f"{asset_with_id(instance, support.object)} rests on level ground with {support.carried:.0%} of its weight, "
+        f"sideways forces are {support.squeeze:.1f} times it"
         for instance, rollout in pairs
-        for one in rollout.supports
-        if any(one.object in goal.objects for goal in instance.goals) and (one.carried < LEVEL or one.squeeze > SQUEEZE)
+        for support in rollout.supports
+        if any(support.object in goal.objects for goal in instance.goals)
+        and (support.carried < LEVEL or support.squeeze > SQUEEZE)
     ]
     bound = f"level contacts must carry {LEVEL:.0%} of the weight of each object of a goal, and sideways forces be "
     bound += f"at most {SQUEEZE} times it"
-    return Finding.from_fault_list("rests_at_end", faults, "what was moved stands, and is not wedged", bound)
+    return AuditFinding.from_fault_list("rests_at_end", faults, "what was moved stands, and is not wedged", bound)
 
 
-def _check_bystanders_undisturbed(pairs: Sequence[tuple[TaskInstance, Rollout]]) -> Finding:
+def check_bystanders_undisturbed(pairs: Sequence[tuple[TaskInstance, Rollout]]) -> AuditFinding:
+    """The finding ``undisturbed``."""
     ends = [
         (f"{item.asset} #{item.id}", rollout.initial[item.id], rollout.final[item.id])
         for instance, rollout in pairs
@@ -137,9 +138,113 @@ def _check_bystanders_undisturbed(pairs: Sequence[tuple[TaskInstance, Rollout]])
     tipped = [f"{name} tipped over" for name, start, end in ends if is_tilted(start, end)]
     farthest, name = max(moves, default=(0.0, ""))
     measured = f"{name} moves by {farthest * 1000:.0f} mm" if moves else "there are no bystanders"
-    return Finding(
+    return AuditFinding(
         check="undisturbed",
         passed=farthest <= DISTURBED and not tipped,
         measured=join_first_distinct([measured, *tipped]),
         bound=f"no bystander may move by more than {DISTURBED * 1000:.0f} mm or tilt by more than 15 degrees",
     )
+
+
+def check_visibility(
+    instances: Sequence[TaskInstance], rollouts: Sequence[Rollout], library: Library, scene: SceneDescription | None
+) -> AuditFinding:
+    """The finding ``seen``, about everything that the task adds to the photo."""
+    shown = {item.asset for item in scene.objects} if scene is not None else set[str]()
+    faults = [
+        fault
+        for instance, rollout in pair_instances_with_rollouts(instances, rollouts)
+        for fault in _describe_hidden_marks(instance, rollout, library, shown)
+    ]
+    bound = f"of what the task adds, {SEEN:.0%} must be seen from above at the start or at the end, and marks must be "
+    bound += "of another colour than what they lie on"
+    return AuditFinding.from_fault_list("seen", faults, "what the task adds can be seen", bound)
+
+
+def _describe_hidden_marks(
+    instance: TaskInstance, rollout: Rollout, library: Library, shown: Set[str]
+) -> Iterator[str]:
+    known = [item for item in instance.objects if item.asset in library]
+    moments = [_prisms_by_object_id(known, poses, library) for poses in (rollout.initial, rollout.final) if poses]
+    if not moments:
+        return
+    for item in known:
+        if item.role != "task" or is_movable_object(item, library):
+            continue
+        others = [cover.id for cover in known if cover.id != item.id and not {cover.asset, item.asset} <= shown]
+        share = max(_visible_area_share(item.id, others, surfaces) for surfaces in moments)
+        if share < SEEN:
+            yield f"{asset_with_id(instance, item.id)} is covered: {share:.0%} of it can be seen"
+        elif _has_color_of_ground_below(item, known, instance, moments[0], library):
+            yield f"{asset_with_id(instance, item.id)} has the colour of what it lies on"
+
+
+def _prisms_by_object_id(
+    items: Sequence[InstanceObject], poses: Mapping[int, Pose], library: Library
+) -> dict[int, list[Prism]]:
+    """Prisms of the parts of each object, by id; a mark is a single flat part."""
+    surfaces: dict[int, list[Prism]] = {}
+    for item in items:
+        model = load_object_model(item, library)
+        parts, whole = find_prisms_at_pose(model, poses.get(item.id, item.pose), item.id)
+        surfaces[item.id] = parts or [whole]
+    return surfaces
+
+
+def _visible_area_share(number: int, others: Sequence[int], surfaces: Mapping[int, Sequence[Prism]]) -> float:
+    """Share (0..1) of an object's area from above that no other object covers."""
+    points, heights = _sample_top_points_and_heights(surfaces[number])
+    if not len(points):
+        return 1.0
+    free = np.ones(len(points), dtype=bool)
+    for prism in (prism for neighbor in others for prism in surfaces[neighbor] if len(prism.outline) >= 3):
+        over = prism.high > heights - _SAME_HEIGHT
+        free &= ~(over & (margins_inside_outline(_ORIGIN, prism.outline, points) >= 0))
+    return float(free.mean())
+
+
+def _sample_top_points_and_heights(prisms: Sequence[Prism]) -> tuple[FloatArray, FloatArray]:
+    """Points (N, 2) spread over an object as seen from above, and how high (N,) it is there, metres."""
+    solid = [prism for prism in prisms if len(prism.outline) >= 3]
+    if not solid:
+        return np.zeros((0, 2)), np.zeros(0)
+    corners = np.vstack([prism.outline for prism in solid])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    steps = (np.arange(_POINTS) + 0.5) / _POINTS
+    grid = np.stack(np.meshgrid(*(low + np.outer(steps, high - low)).T), axis=-1).reshape(-1, 2)
+    heights = np.full(len(grid), -np.inf)
+    for prism in solid:
+        inside = margins_inside_outline(_ORIGIN, prism.outline, grid) >= 0
+        heights = np.where(inside, np.maximum(heights, prism.high), heights)
+    return grid[np.isfinite(heights)], heights[np.isfinite(heights)]
+
+
+def _has_color_of_ground_below(
+    item: InstanceObject,
+    known: Sequence[InstanceObject],
+    instance: TaskInstance,
+    surfaces: Mapping[int, Sequence[Prism]],
+    library: Library,
+) -> bool:
+    """Whether a mark has the colour of the table, or of the highest mark that contains it."""
+    mark_color = _single_color_of_mark(item, library)
+    if mark_color is None:
+        return False
+    [prism] = surfaces[item.id]
+    below, height = instance.table.color, -math.inf
+    for mark in known:
+        color = _single_color_of_mark(mark, library)
+        if mark.id == item.id or color is None:
+            continue
+        [ground] = surfaces[mark.id]
+        whole = margins_inside_outline(prism.outline, ground.outline, _ORIGIN)[0] >= 0
+        if whole and height < ground.high <= prism.high:
+            below, height = color, ground.high
+    return math.dist(mark_color[:3], below[:3]) < CONTRAST
+
+
+def _single_color_of_mark(item: InstanceObject, library: Library) -> tuple[float, ...] | None:
+    """The colour of a mark; None for a solid object, or several colours."""
+    model = load_object_model(item, library)
+    colors = {shape.color for shape in model.visuals}
+    return None if model.colliders or len(colors) != 1 else item.color or next(iter(colors))

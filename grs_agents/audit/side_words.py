@@ -1,4 +1,4 @@
-"""Left, right, behind and in front are as the robot sees them; where the photo shows them otherwise, words say so."""
+"""Left, right, behind and in front are the robot's; if the photo shows other sides, the words must say so."""
 
 import math
 import re
@@ -15,11 +15,11 @@ _OWNED: Final = re.compile(
     re.IGNORECASE,
 )
 _ALIKE: Final = math.cos(math.radians(45))
-"""Two directions nearer to each other than to the next side are one side."""
+"""Cosine of 45 degrees: directions nearer to each other than to the next side are the same side."""
 
 
 def explain_ambiguous_sides(words: str, frame: TableFrame | None) -> str:
-    """Why words of sides mean one thing to the robot and another one to who looks at the photo, empty where they don't.
+    """Explain why words of sides mean different sides to the robot and to a viewer of the photo; empty if they do not.
 
     Args:
         words: the task's.
@@ -30,8 +30,8 @@ def explain_ambiguous_sides(words: str, frame: TableFrame | None) -> str:
     pose = np.array(frame.T_robot_cam)
     right, down, forward = pose[:2, 0], pose[:2, 1], pose[:2, 2]
     away = forward if np.linalg.norm(forward) > np.linalg.norm(down) else -down
-    for form, seen, own in ((_ASIDE, -right, (0.0, 1.0)), (_AHEAD, away, (1.0, 0.0))):
+    for form, seen, robot_side in ((_ASIDE, -right, (0.0, 1.0)), (_AHEAD, away, (1.0, 0.0))):
         said = form.search(words)
-        if said is not None and np.dot(seen, own) < _ALIKE * np.linalg.norm(seen):
+        if said is not None and np.dot(seen, robot_side) < _ALIKE * np.linalg.norm(seen):
             return f"{said[0]!r} is another side for the robot than in the photo"
     return ""

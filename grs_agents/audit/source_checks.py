@@ -1,4 +1,4 @@
-"""Checks of one program's source that need no task: its imports, its names, its calls of the documented API."""
+"""Checks of a program's source without its task: imports, names, calls of the documented API."""
 
 import ast
 import builtins
@@ -22,7 +22,7 @@ _REFUSED_PACKAGES = frozenset({"ctypes", "multiprocessing", "requests", "socket"
 _ANSWERED_PACKAGES = frozenset(
     {"IPython", "cliport", "pybullet", "pybullet_data", "pybullet_utils", "task_code", "transforms3d"}
 )
-"""What the sandbox answers itself."""
+"""Packages that the sandbox provides."""
 _API: dict[str, Callable[..., Any]] = {
     **{
         name: getattr(sim.Task, name)
@@ -36,12 +36,12 @@ _API: dict[str, Callable[..., Any]] = {
 }
 """Documented calls by name: methods whose names say whose they are, and functions to import."""
 _ONLY_OF_ENVIRONMENT = frozenset({"reset", "step"})
-"""Methods that other objects have too: judged only where the receiver is called ``env``."""
+"""Methods that other objects have too: checked only if the receiver is called ``env``."""
 
 
 @dataclass(frozen=True)
 class ProgramSource:
-    """One of the two programs as a syntax tree."""
+    """A program as a syntax tree."""
 
     program: ProgramKind
     tree: ast.Module
@@ -56,7 +56,7 @@ class ProgramSource:
         return list(ast.walk(self.tree))
 
     def nodes_of_type(self, kind: type[Node]) -> list[Node]:
-        """The nodes of one kind."""
+        """The nodes of this type."""
         return [node for node in self.nodes if isinstance(node, kind)]
 
     @cached_property
@@ -94,11 +94,22 @@ def read_source(program: ProgramKind, text: str) -> ProgramSource | StaticFindin
 
 
 def check_source(source: ProgramSource) -> Iterator[StaticFinding]:
-    """What is wrong with a program whatever its task is."""
-    yield from _find_unresolved_imports(source)
+    """Faults of a program that do not depend on its task."""
+    guarded = {node for part in source.nodes_of_type(ast.Try) for node in ast.walk(part)}
+    imported = [(node, alias.name, alias.name) for node in source.nodes_of_type(ast.Import) for alias in node.names]
+    imported += [
+        (node, node.module or "", alias.name) for node in source.nodes_of_type(ast.ImportFrom) for alias in node.names
+    ]
+    for node, module, name in imported:
+        if node not in guarded and (problem := _describe_import_problem(module, name)):
+            yield source.finding(node.lineno, "import", problem)
     yield from _find_undefined_names(source)
     for call in source.nodes_of_type(ast.Call):
-        yield from _check_environment_method(source, call)
+        name = _get_called_name(call)
+        known = name in source.bound_names or hasattr(sim.Environment, name)
+        if _get_receiver_name(call) == "env" and not known:
+            text = f"env has no method {name}{suggest_nearest_name(name, dir(sim.Environment))}"
+            yield source.finding(call.lineno, "unknown_name", text)
         yield from _check_arguments(source, call)
     for attribute in source.nodes_of_type(ast.Attribute):
         yield from _check_module_attribute_exists(source, attribute)
@@ -110,20 +121,9 @@ def check_source(source: ProgramSource) -> Iterator[StaticFinding]:
 
 
 def suggest_nearest_name(name: str, known: Iterable[str]) -> str:
-    """A clause with the nearest of the known names; empty where none is near."""
+    """A clause with the nearest of the known names; empty if none is near."""
     near = get_close_matches(name, sorted(set(known) - {name}), n=1, cutoff=0.6)
     return f"; did you mean {near[0]}" if near else ""
-
-
-def _find_unresolved_imports(source: ProgramSource) -> Iterator[StaticFinding]:
-    guarded = {node for part in source.nodes_of_type(ast.Try) for node in ast.walk(part)}
-    imported = [(node, alias.name, alias.name) for node in source.nodes_of_type(ast.Import) for alias in node.names]
-    imported += [
-        (node, node.module or "", alias.name) for node in source.nodes_of_type(ast.ImportFrom) for alias in node.names
-    ]
-    for node, module, name in imported:
-        if node not in guarded and (problem := _describe_import_problem(module, name)):
-            yield source.finding(node.lineno, "import", problem)
 
 
 def _describe_import_problem(module: str, name: str) -> str:
@@ -139,7 +139,7 @@ def _describe_import_problem(module: str, name: str) -> str:
 
 
 def _find_undefined_names(source: ProgramSource) -> Iterator[StaticFinding]:
-    """Names that nothing in the program gives; nothing is said where names may come in ways the source hides."""
+    """Find undefined names; nothing is reported if names may be bound in ways that the source hides."""
     read = {node.id: node.lineno for node in reversed(source.nodes_of_type(ast.Name))}
     if {"*", "annotations"} & source.bound_names or {"globals", "locals", "exec", "eval", "NameError"} & read.keys():
         return
@@ -149,7 +149,7 @@ def _find_undefined_names(source: ProgramSource) -> Iterator[StaticFinding]:
 
 
 def _check_module_attribute_exists(source: ProgramSource, node: ast.Attribute) -> Iterator[StaticFinding]:
-    """Whether ``np`` or ``utils`` has what is read from it."""
+    """Check that ``np`` or ``utils`` has the attribute."""
     owner = node.value.id if isinstance(node.value, ast.Name) else ""
     module = sim.utils if owner == "utils" and owner in source.imported_names else np if owner == "np" else None
     with warnings.catch_warnings(action="ignore"):
@@ -159,16 +159,8 @@ def _check_module_attribute_exists(source: ProgramSource, node: ast.Attribute) -
         yield source.finding(node.lineno, "unknown_name", text)
 
 
-def _check_environment_method(source: ProgramSource, call: ast.Call) -> Iterator[StaticFinding]:
-    name = _get_called_name(call)
-    known = name in source.bound_names or hasattr(sim.Environment, name)
-    if _get_receiver_name(call) == "env" and not known:
-        text = f"env has no method {name}{suggest_nearest_name(name, dir(sim.Environment))}"
-        yield source.finding(call.lineno, "unknown_name", text)
-
-
 def _check_arguments(source: ProgramSource, call: ast.Call) -> Iterator[StaticFinding]:
-    """Whether the arguments of a call of the documented API fit; those that are unpacked are not known."""
+    """Check the arguments of a call of the documented API; unpacked arguments are unknown."""
     name, function = _get_called_name(call), _find_documented_function(source, call)
     given = [word.arg or "**" for word in call.keywords]
     if function is None or "**" in given or any(isinstance(part, ast.Starred) for part in call.args):
@@ -186,7 +178,7 @@ def _check_arguments(source: ProgramSource, call: ast.Call) -> Iterator[StaticFi
 
 
 def _find_documented_function(source: ProgramSource, call: ast.Call) -> Callable[..., Any] | None:
-    """The function of the API that a call reaches, where the source leaves no doubt."""
+    """The function of the API that a call reaches; None if that is uncertain."""
     name, receiver = _get_called_name(call), _get_receiver_name(call)
     function = _API.get(name)
     if isinstance(call.func, ast.Name):
@@ -203,7 +195,7 @@ def _takes_self_argument(function: Callable[..., Any] | None) -> bool:
 
 
 def _get_called_name(node: ast.AST) -> str:
-    """The last part of the name that is called; empty where a node is no call."""
+    """The last part of the name of the called function; empty for any other node."""
     function = getattr(node, "func", None)
     return str(getattr(function, "attr", getattr(function, "id", "")))
 

@@ -11,13 +11,13 @@ from grs_agents.audit.source_checks import ProgramSource, check_source, read_sou
 from grs_agents.audit.types import StaticFinding
 from grs_agents.library.library import Library
 from grs_agents.sandbox.host.suite_discovery import discover_tests
-from grs_agents.sim.cliport.task import defines_task_class
+from grs_agents.sim import defines_task_class
 
 _ASSET_NAME = re.compile(r"[\w.\-]+(?:/[\w.\-]+)+\.(?:urdf|xml)")
 
 
 def check_programs(simulation: str, tests: str, task: TaskDefinition, library: Library) -> tuple[StaticFinding, ...]:
-    """What is wrong with the two programs as far as their source shows it, the simulation program's faults first.
+    """Faults of the two programs that their source shows, the simulation program's first.
 
     Args:
         simulation: source of the simulation program.
@@ -31,18 +31,19 @@ def check_programs(simulation: str, tests: str, task: TaskDefinition, library: L
     if isinstance(program, ProgramSource):
         findings += [
             *check_source(program),
-            *_check_task_class_and_base_calls(program),
-            *_check_asset_literals_match_task(program, task, library),
+            *check_task_class_and_base_calls(program),
+            *check_asset_literals_match_task(program, task, library),
         ]
-        findings += [*_find_objects_without_goal(program), *_check_rewards_sum_to_one(program)]
+        findings += [*_find_objects_without_goal(program), *check_rewards_sum_to_one(program)]
     if isinstance(suite, ProgramSource):
-        findings += [*check_source(suite), *_check_tests_exist_and_assert(suite)]
+        findings += [*check_source(suite), *check_tests_exist_and_assert(suite)]
         if isinstance(program, ProgramSource):
             findings += _find_names_missing_in_program(program, suite, task)
     return tuple(sorted(dict.fromkeys(findings), key=lambda finding: (finding.program, finding.line)))
 
 
-def _check_task_class_and_base_calls(source: ProgramSource) -> Iterator[StaticFinding]:
+def check_task_class_and_base_calls(source: ProgramSource) -> Iterator[StaticFinding]:
+    """Check that a class derives from Task, and that its methods call those of the base."""
     if not defines_task_class(source.tree):
         yield source.finding(1, "class_missing", "no class derives from Task")
     tasks = [node for node in source.nodes_of_type(ast.ClassDef) if "Task" in map(ast.unparse, node.bases)]
@@ -52,12 +53,19 @@ def _check_task_class_and_base_calls(source: ProgramSource) -> Iterator[StaticFi
             yield source.finding(node.lineno, "base_call_missing", f"{name} has to call super().{name}")
 
 
-def _check_asset_literals_match_task(
+def check_asset_literals_match_task(
     source: ProgramSource, task: TaskDefinition, library: Library
 ) -> Iterator[StaticFinding]:
-    """Literals that look like assets: each is in the library and in the task, and the task's are all there."""
-    literals, complete = _find_asset_literals(source)
-    used = {literal: _resolve_library_asset_name(literal, library) for literal in literals}
+    """Check that asset names in the program are in the library and the task, and that all assets of the task occur."""
+    pieces = {part for node in source.nodes_of_type(ast.JoinedStr) for part in node.values}
+    texts = [node for node in source.nodes_of_type(ast.Constant) if re.search(r"\.(urdf|xml)", str(node.value))]
+    whole = [node for node in texts if node not in pieces and _ASSET_NAME.fullmatch(str(node.value))]
+    literals, complete = {str(node.value): node.lineno for node in whole}, len(whole) == len(texts)
+    used: dict[str, str | None] = {}  # the library's name, without folders in front
+    for literal in literals:
+        parts = PurePosixPath(literal).parts
+        tails = ["/".join(parts[start:]) for start in range(len(parts))]
+        used[literal] = next((tail for tail in tails if tail in library), None)
     for literal, name in used.items():
         if name is None:
             near = get_close_matches(literal, library.asset_names(), n=3, cutoff=0.4)
@@ -68,20 +76,6 @@ def _check_asset_literals_match_task(
             yield source.finding(literals[literal], "asset_not_in_task", text)
     for name in sorted(set(task.assets) - set(used.values())) if complete else ():
         yield source.finding(1, "asset_unused", f"the task names {name}, which the program does not add")
-
-
-def _find_asset_literals(source: ProgramSource) -> tuple[dict[str, int], bool]:
-    """Assets by name with their lines; and whether these are all, i.e. no name is put together from parts."""
-    parts = {part for node in source.nodes_of_type(ast.JoinedStr) for part in node.values}
-    texts = [node for node in source.nodes_of_type(ast.Constant) if re.search(r"\.(urdf|xml)", str(node.value))]
-    whole = [node for node in texts if node not in parts and _ASSET_NAME.fullmatch(str(node.value))]
-    return {str(node.value): node.lineno for node in whole}, len(whole) == len(texts)
-
-
-def _resolve_library_asset_name(name: str, library: Library) -> str | None:
-    """The library's name of an asset that may be written with folders in front; None where it has none."""
-    parts = PurePosixPath(name).parts
-    return next((tail for start in range(len(parts)) if (tail := "/".join(parts[start:])) in library), None)
 
 
 def _find_objects_without_goal(source: ProgramSource) -> Iterator[StaticFinding]:
@@ -95,10 +89,14 @@ def _find_objects_without_goal(source: ProgramSource) -> Iterator[StaticFinding]
                 yield source.finding(node.lineno, "object_without_goal", text)
 
 
-def _check_rewards_sum_to_one(source: ProgramSource) -> Iterator[StaticFinding]:
-    """Goals that ``reset`` states one after the other, with rewards in plain numbers: they add up to 1."""
+def check_rewards_sum_to_one(source: ProgramSource) -> Iterator[StaticFinding]:
+    """Check that goals add up to 1, if ``reset`` states them in sequence with rewards in plain numbers."""
     goals = [call for call in source.nodes_of_type(ast.Call) if getattr(call.func, "attr", "") == "add_goal"]
-    rewards = [_read_stated_reward(goal) for goal in goals]
+    rewards: list[float | None] = []  # a number, or a quotient of two; None where it has to be computed
+    for goal in goals:
+        stated = [ast.unparse(word.value) for word in goal.keywords if word.arg == "step_max_reward"]
+        number = re.fullmatch(r"(\d*\.?\d+)(?: / (\d*\.?\d*[1-9]))?", stated[0] if stated else "1")
+        rewards.append(float(number[1]) / float(number[2] or 1) if number and len(goal.args) < 8 else None)
     resets = [node for node in source.nodes_of_type(ast.FunctionDef) if node.name == "reset"]
     plain = {getattr(statement, "value", None) for reset in resets for statement in reset.body}
     if not goals or None in rewards or not plain.issuperset(goals):
@@ -109,14 +107,8 @@ def _check_rewards_sum_to_one(source: ProgramSource) -> Iterator[StaticFinding]:
         yield source.finding(goals[-1].lineno, "reward_sum", text)
 
 
-def _read_stated_reward(goal: ast.Call) -> float | None:
-    """The reward of a goal where it is a number, or a quotient of two; None where it has to be computed."""
-    stated = [ast.unparse(word.value) for word in goal.keywords if word.arg == "step_max_reward"]
-    number = re.fullmatch(r"(\d*\.?\d+)(?: / (\d*\.?\d*[1-9]))?", stated[0] if stated else "1")
-    return float(number[1]) / float(number[2] or 1) if number and len(goal.args) < 8 else None
-
-
-def _check_tests_exist_and_assert(source: ProgramSource) -> Iterator[StaticFinding]:
+def check_tests_exist_and_assert(source: ProgramSource) -> Iterator[StaticFinding]:
+    """Check that there are test methods, each with an assertion."""
     suite = discover_tests(source.tree)
     if not suite.ids:
         yield source.finding(1, "no_tests", "there is no method test... of a class that derives from TestCase")
@@ -127,7 +119,7 @@ def _check_tests_exist_and_assert(source: ProgramSource) -> Iterator[StaticFindi
 def _find_names_missing_in_program(
     program: ProgramSource, suite: ProgramSource, task: TaskDefinition
 ) -> Iterator[StaticFinding]:
-    """Names that the tests import from the program and that it lacks; it is to blame where they are the task's."""
+    """Find names that the tests import and the program lacks; the program is to blame if the name is the task's."""
     proper = task.name.replace("-", "")
     classes = {node.name: node.lineno for node in program.tree.body if isinstance(node, ast.ClassDef)}
     for node in suite.nodes:

@@ -7,24 +7,24 @@ from grs_agents.base import Frozen, Vec3
 from grs_agents.sim.rollouts import Rollout
 
 
-class Finding(Frozen):
-    """One check of the audit."""
+class AuditFinding(Frozen):
+    """Outcome of a check."""
 
     check: str
     passed: bool
-    measured: str  # what was found, with numbers, names and units
-    bound: str  # what is asked
+    measured: str  # with numbers, names and units
+    bound: str  # the requirement
 
     @property
     def detail(self) -> str:
-        """Both in one line."""
+        """Measurement and requirement in a line."""
         return f"{self.measured}; {self.bound}" if self.bound else self.measured
 
     @classmethod
-    def from_fault_list(cls, check: str, faults: Iterable[str], otherwise: str, bound: str) -> "Finding":
-        """A finding that passes where there is no fault, which ``otherwise`` says in words."""
-        told = join_first_distinct(faults)
-        return cls(check=check, passed=not told, measured=told or otherwise, bound=bound)
+    def from_fault_list(cls, check: str, faults: Iterable[str], otherwise: str, bound: str) -> "AuditFinding":
+        """Make a finding that passes if there are no faults; ``otherwise`` is then its measurement."""
+        text = join_first_distinct(faults)
+        return cls(check=check, passed=not text, measured=text or otherwise, bound=bound)
 
 
 def join_first_distinct(texts: Iterable[str]) -> str:
@@ -35,7 +35,7 @@ def join_first_distinct(texts: Iterable[str]) -> str:
 
 
 class Change(Frozen):
-    """An object that does not stand where the photo shows it."""
+    """An object that is not at its pose in the photo."""
 
     seed: int  # the task instance it was seen in
     asset: str
@@ -50,11 +50,11 @@ class AuditReport(Frozen):
     """Why a run is accepted or not; measured on task instances by trusted code alone."""
 
     accepted: bool
-    findings: tuple[Finding, ...]  # one for each check
+    findings: tuple[AuditFinding, ...]  # a finding for each check
     changes: tuple[Change, ...]  # every position not taken from the photo
     rollouts: tuple[Rollout, ...]  # the trusted oracle's episode for each seed
     rewards: tuple[float, ...]  # the reward of each rollout
-    about: str = ""  # what the verdict is about, one sentence or two
+    about: str = ""  # scope of the verdict, a sentence or two
     unforeseen_seeds: tuple[int, ...] = ()  # more that were audited; they follow from the text of the programs
 
 
@@ -84,4 +84,4 @@ class StaticFinding(Frozen):
     program: ProgramKind  # which of the two programs it blames
     line: int  # of that program, from 1
     kind: StaticFindingKind
-    message: str  # one sentence with the names concerned, and the nearest right ones
+    message: str  # a sentence with the names concerned, and the nearest right names

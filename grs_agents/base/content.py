@@ -1,7 +1,7 @@
-"""Content found by name: graphs, tools, prompts, assets and evals, one file for each thing a user may swap.
-The content lies beside the package in a source tree and inside it (``_bundled``) in a wheel. A folder of the user's
-own, laid over it with ``--content DIR``, wins where it has a file of the same name. An installed package adds content
-by an entry point of the group ``grs_agents.content``; where GRS ships a file of the same name, that of GRS wins."""
+"""Content found by name: graphs, tools, prompts, assets and evals, each exchangeable part a file. The content lies
+beside the package in a source tree and inside it (``_bundled``) in a wheel. A folder of the user, laid over it with
+``--content DIR``, wins for files of the same name. An installed package adds content by an entry point of the group
+``grs_agents.content``; shipped files of the same name win over it."""
 
 import hashlib
 import importlib.util
@@ -43,9 +43,9 @@ def content_root() -> Path:
 
 
 def add_overlay_folder(folder: Path) -> None:
-    """Lay ``folder`` (with any of graphs/, tools/, prompts/, assets/, evals/, policies/, models/) over what is shipped.
-    Its Python files are executed when they are used, hence never added by default.
-    Raises InputError: the folder does not exist."""
+    """Lay ``folder`` (with any of graphs/, tools/, prompts/, assets/, evals/, policies/, models/) over the shipped
+    content. Its Python files are executed when they are used, hence never added by default. Raises InputError: the
+    folder does not exist."""
     if folder in _overlays:
         return
     if not folder.is_dir():
@@ -56,7 +56,7 @@ def add_overlay_folder(folder: Path) -> None:
 
 
 def list_content_options() -> list[str]:
-    """What a command line needs beside its verb to find the same content as this one."""
+    """Options by which a command line finds the same content as this process."""
     return [part for folder in _overlays[:1] for part in ("--content", str(folder))]
 
 
@@ -71,13 +71,13 @@ def installed_content_folders() -> tuple[Path, ...]:
     folders: list[Path] = []
     for entry in entry_points(group=ENTRY_POINTS):
         try:
-            found = importlib.util.find_spec(entry.value)
+            spec = importlib.util.find_spec(entry.value)
         except ImportError:
-            found = None
-        if found is None or not found.submodule_search_locations:
+            spec = None
+        if spec is None or not spec.submodule_search_locations:
             what = f"entry point {entry.name!r} of {ENTRY_POINTS} names no package: {entry.value}"
             raise InputError(what, "mend or uninstall the package that has it")
-        folders += [Path(folder).resolve() for folder in found.submodule_search_locations]
+        folders += [Path(folder).resolve() for folder in spec.submodule_search_locations]
     return tuple(folders)
 
 
@@ -101,7 +101,7 @@ def content_path(kind: Kind, name: str) -> Path:
 
 
 def all_content_paths(kind: Kind, name: str) -> list[Path]:
-    """Every file or folder called ``name``, the one that wins first. Raises UnknownNameError: nothing has that name."""
+    """Every file or folder called ``name``, the winner first. Raises UnknownNameError: nothing has that name."""
     public = name != "" and name == Path(name).name and not name.startswith(("_", "."))
     candidates = [root / kind / f"{name}{_suffix_of_kind(kind)}" for root in content_search_roots()] if public else []
     existing = [candidate for candidate in candidates if candidate.exists()]
@@ -131,10 +131,10 @@ def find_class(kind: Kind, name: str, attribute: str) -> Callable[..., Any] | No
     if name not in content_names(kind):
         return None
     module = load_module(kind, name)
-    found = getattr(module, attribute, None)
-    if not callable(found):
+    loaded = getattr(module, attribute, None)
+    if not callable(loaded):
         raise InputError(f"{module.__file__} has no class {attribute}", f"call the class {attribute}")
-    return found
+    return loaded
 
 
 def load_module(kind: Kind, name: str) -> ModuleType:
@@ -157,29 +157,30 @@ def load_module(kind: Kind, name: str) -> ModuleType:
             del sys.modules[qualified]
             if isinstance(error, GrsError) or not isinstance(error, Exception | SystemExit):
                 raise
-            told = f"{locate_user_code(error) or file}: {describe_exception(error)}"
+            fault = f"{locate_user_code(error) or file}: {describe_exception(error)}"
             raise ConfigError(
-                f"{kind.removesuffix('s')} {name!r} cannot be imported: {told}", "mend the file"
+                f"{kind.removesuffix('s')} {name!r} cannot be imported: {fault}", "mend the file"
             ) from error
         return module
 
 
 def is_shipped(file: Path) -> bool:
-    """Whether ``file`` is of the package, or content that comes with it."""
+    """True if ``file`` belongs to the package or its content."""
     return any(file.is_relative_to(root) for root in (package_root(), *(content_root() / kind for kind in KINDS)))
 
 
 def list_frames(error: BaseException, since: str | None = None) -> list[traceback.FrameSummary]:
-    """The frames of an exception's traceback, outermost first; only those after the last one of the file ``since``."""
+    """The frames of an exception's traceback, outermost first; only those after the last frame of the file
+    ``since``."""
     frames = list(traceback.extract_tb(error.__traceback__))
     last = max((number for number, frame in enumerate(frames) if frame.filename == since), default=-1)
     return frames if since is None else frames[last + 1 :] if last >= 0 else []
 
 
 def locate_user_code(error: BaseException, since: str | None = None) -> str:
-    """``FILE:LINE`` of the innermost place in an exception's traceback that is the user's code; empty without one.
+    """``FILE:LINE`` of the innermost frame of the user's code in an exception's traceback; empty without such a frame.
 
-    The user's code is what is neither GRS, Python nor an installed package that names no content of GRS.
+    All code is the user's except GRS, Python and installed packages without content of GRS.
     """
     places = [(frame.filename, frame.lineno) for frame in list_frames(error, since)]
     if isinstance(error, SyntaxError) and error.filename:
@@ -199,7 +200,7 @@ def _is_user_file(file: Path) -> bool:
 
 
 def describe_exception(error: BaseException) -> str:
-    """The kind of an exception and its message, in one line."""
+    """The kind of an exception and its message, in a single line."""
     text = " ".join(str(error.msg if isinstance(error, SyntaxError) else error).split())
     return f"{type(error).__name__}: {text[:_LONGEST_MESSAGE]}" if text else type(error).__name__
 

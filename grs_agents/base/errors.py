@@ -4,14 +4,14 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 
 _FEW, _NEAREST = 20, 5
-"""Of up to so many valid names a message lists all, of more the nearest few."""
+"""Most valid names that a message lists; of more it lists the nearest few."""
 
 _ALIKE = 0.6
-"""How alike a name must be to one that there is, 0..1, for it to be taken for a slip of the pen."""
+"""Least similarity, 0..1, of a name to a valid name for the suggestion of a typing error."""
 
 
 class GrsError(Exception):
-    """An error to be read: what is wrong, with value and bound, and what to do about it (an imperative)."""
+    """An error for a reader: the fault, with value and bound, and the remedy (an imperative)."""
 
     exit_status = 3
 
@@ -42,7 +42,7 @@ class UnknownNameError(ConfigError):
         names = sorted(set(valid))
         near = get_close_matches(name, names, n=_NEAREST, cutoff=0.3)
         count = len(names) if len(names) <= _FEW else _NEAREST
-        shown = (near + [other for other in names if other not in near])[:count]
+        shown = (near + [candidate for candidate in names if candidate not in near])[:count]
         more = f" and {len(names) - len(shown)} more" if len(names) > len(shown) else ""
         meant = suggest_name(name, names)
         remedy = f"{meant}use one of: {', '.join(shown) or '(none)'}{more}"
@@ -51,5 +51,5 @@ class UnknownNameError(ConfigError):
 
 
 def suggest_name(name: str, valid: Iterable[str]) -> str:
-    """The question whether another name was meant, and a space; empty where none is alike."""
+    """A question that suggests the most similar valid name, and a space; empty if none is similar."""
     return "".join(f"did you mean {near}? " for near in get_close_matches(name, list(valid), n=1, cutoff=_ALIKE))

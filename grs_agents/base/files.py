@@ -24,16 +24,16 @@ from grs_agents.base.errors import InputError, OutputError
 _LONGEST_PATH = 4096
 """Bytes; no system takes a longer path."""
 _UNUSABLE = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EISDIR, errno.EACCES, errno.EPERM)
-"""What the system says of a path that somebody named; nothing of ours is missing then."""
+"""Errors of the system for a path that the user named; no file of ours is missing then."""
 _FLUSHED_TOGETHER = 8
 """Threads that wait for the disk."""
 _unflushed: deque[Path] = deque()
-"""What this process wrote since the last durable write."""
+"""Files written by this process since the last durable write."""
 _flushing = Lock()
-"""Of whoever flushes: others wait, since what it took may be what their durable write relies on."""
+"""Held while flushing: other durable writes wait, since they may rely on the same files."""
 
 STANDARD_OUTPUT = Path("-")
-"""What a verb that writes one document takes for standard output."""
+"""Path by which a command names standard output."""
 
 
 def check_path_name(name: str, shown: str) -> None:
@@ -48,7 +48,7 @@ def check_path_name(name: str, shown: str) -> None:
 
 
 def convert_system_error(error: OSError) -> InputError | None:
-    """The one-line error where the system refuses what a user named or allows; None where the fault may be ours."""
+    """The error for a refusal by the system that the user caused; None if the fault may be ours."""
     if error.errno in (errno.EMFILE, errno.ENFILE):
         return InputError("too many files are open", "raise the limit of this shell: ulimit -n 1024")
     if error.filename is not None and error.errno in _UNUSABLE:
@@ -80,7 +80,7 @@ def check_output_path(path: Path) -> None:
 
 
 def write_file_or_stdout(path: Path, data: bytes) -> Path:
-    """Write ``data`` as `write_bytes` does, or to standard output where ``path`` is ``-``."""
+    """Write ``data`` as `write_bytes` does, or to standard output for the path ``-``."""
     if path != STANDARD_OUTPUT:
         return write_bytes(resolve_output_file(path), data)
     sys.stdout.buffer.write(data)
@@ -111,10 +111,10 @@ def write_bytes(path: Path, data: bytes, durable: bool = False) -> Path:
         temporary.replace(path)
         _unflushed.append(path.absolute())
         if durable:
-            _unflushed.append(path.parent.absolute())  # which may be as new
+            _unflushed.append(path.parent.absolute())  # the folder may be as new
             flush_written_files()
     except OSError as error:
-        with suppress(OSError):  # what stands in the way of the file may stand in the way of its removal
+        with suppress(OSError):  # the obstacle to writing may prevent the removal as well
             temporary.unlink()
         raise unwritable_error(path, error) from error
     return path
@@ -124,7 +124,7 @@ def write_bytes(path: Path, data: bytes, durable: bool = False) -> Path:
 def open_new_text(path: Path) -> Generator[IO[str]]:
     """A text file, emptied, to be written. Raises InputError: the name is a link or no regular file, or is unwritable.
 
-    Folders that hold such files may come from somebody else.
+    Folders with such files may come from strangers.
     """
     try:
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o644)
@@ -173,7 +173,7 @@ def flush_written_files() -> None:
 
 
 def _flush(path: Path) -> None:
-    """Wait until the disk holds a file, or the names in a folder; one that is gone needs nothing."""
+    """Wait until the disk holds a file, or the names in a folder; a vanished file needs nothing."""
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
     except OSError as error:
@@ -190,7 +190,7 @@ def _flush(path: Path) -> None:
 
 
 def unwritable_error(path: Path, error: OSError) -> OutputError:
-    """The one-line error for a file that the system refused to write."""
+    """The error for a file that the system refused to write."""
     reason = error.strerror or str(error)
     return OutputError(f"cannot write {path}: {reason}", "free space or name a writable folder with --out")
 

@@ -1,7 +1,7 @@
-"""Requests to end (Ctrl-C, SIGTERM): raised where the program is, and remembered.
+"""Requests to end (Ctrl-C, SIGTERM): raised in the main thread, and remembered.
 
 An exception that is raised while a module of another package is imported, in a destructor or in a callback of C code
-may be dropped there. Whoever starts something long asks ``is_interrupt_requested`` first.
+may be dropped there. Long operations check ``is_interrupt_requested`` first.
 """
 
 import signal
@@ -11,7 +11,7 @@ _came: list[int] = []
 
 
 def install_signal_handlers() -> None:
-    """Let SIGINT and SIGTERM raise ``KeyboardInterrupt`` from now on, unless this process was told to ignore them."""
+    """Let SIGINT and SIGTERM raise ``KeyboardInterrupt`` from now on, unless this process ignores them."""
     _came.clear()
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) is not signal.SIG_IGN:
@@ -19,7 +19,7 @@ def install_signal_handlers() -> None:
 
 
 def is_interrupt_requested() -> bool:
-    """Whether a request to end has come since ``install_signal_handlers``."""
+    """True after a request to end since ``install_signal_handlers``."""
     return bool(_came)
 
 

@@ -11,12 +11,12 @@ from grs_agents.base.errors import ConfigError, UnknownNameError
 
 
 def load_named_class(kind: str, name: str, group: str, builtin: Iterable[str]) -> Callable[..., Any]:
-    """What ``package.module:Class`` or the entry point ``name`` of ``group`` stands for; it is not called yet.
+    """Load ``package.module:Class`` or the entry point ``name`` of ``group``; it is not called yet.
 
-    The module may lie in the current folder, where Python's own path ends.
+    The module may lie in the current folder, which is appended to Python's path.
 
     Args:
-        kind: what it is, for messages: ``policy``, ``model``.
+        kind: of class, for messages: ``policy``, ``model``.
         name: the dotted path, or the entry point's name.
         group: the group of entry points.
         builtin: the other names that are valid, for messages.
@@ -34,15 +34,15 @@ def load_named_class(kind: str, name: str, group: str, builtin: Iterable[str]) -
     if folder not in sys.path:
         sys.path.append(folder)
     try:
-        found = entries[name].load() if name in entries.names else getattr(import_module(module), attribute)
+        loaded = entries[name].load() if name in entries.names else getattr(import_module(module), attribute)
     except Exception as error:  # whatever the user's own code raises
         if isinstance(error, ModuleNotFoundError) and error.name == module.partition(".")[0]:
             why = f": there is no module {error.name!r} in Python's path or in the current folder"
             raise UnknownNameError(kind, name, known, why) from error
         raise broken_class_error(kind, name, error) from error
-    if not callable(found):
+    if not callable(loaded):
         raise ConfigError(f"{kind} {name!r} is no class", "give package.module:Class")
-    return found
+    return loaded
 
 
 def broken_class_error(kind: str, name: str, error: Exception) -> ConfigError:

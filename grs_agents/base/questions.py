@@ -1,6 +1,6 @@
-"""A question to a person in the middle of a run: any node or policy may ask one, and the run waits for the reply.
+"""A question to a person during a run: any node or policy may ask, and the run waits for the reply.
 
-``interrupt(...)`` of LangGraph with a value of one's own does the same; its value is then the question.
+``interrupt(...)`` of LangGraph with any other value does the same; the value is then the question.
 """
 
 import json
@@ -14,20 +14,20 @@ from grs_agents.base.errors import InputError
 
 
 class Question(Frozen):
-    """What a run waits for."""
+    """The question of a waiting run."""
 
     text: str
-    choices: tuple[str, ...] = ()  # what a reply begins with; () where any reply will do
-    details: str = ""  # what the person should know to answer
+    choices: tuple[str, ...] = ()  # allowed first words of a reply; () for any reply
+    details: str = ""  # background for the answer
 
 
 def ask_person(text: str, choices: Sequence[str] = (), details: str = "") -> str:
     """Ask, inside a node; the run ends with the status ``waiting`` and goes on here once ``grs approve`` has replied.
 
-    The node begins anew then: what it did before the question it does again.
+    The node is repeated from its beginning then, including its work before the question.
 
     Returns:
-        The reply, which begins with one of ``choices`` if there are any.
+        The reply, which begins with a choice of ``choices``, if given.
     """
     from langgraph.types import interrupt  # takes long to import
 
@@ -36,7 +36,7 @@ def ask_person(text: str, choices: Sequence[str] = (), details: str = "") -> str
 
 
 def parse_question(value: Any) -> Question:
-    """The question that the value of an ``interrupt`` holds; any other value is the text of one."""
+    """The question in the value of an ``interrupt``; any other value is its text."""
     try:
         return Question.model_validate(value)
     except ValidationError:
@@ -45,13 +45,13 @@ def parse_question(value: Any) -> Question:
 
 
 def first_word(reply: str) -> str:
-    """What a reply chooses: its first word, without a colon or a full stop after it."""
+    """The choice of a reply: its first word, without a colon or a full stop after it."""
     words = reply.split(maxsplit=1)
     return words[0].rstrip(":.,;") if words else ""
 
 
 def require_reply_is_a_choice(question: Question, reply: str) -> None:
-    """Raise ``InputError`` unless a reply begins with one of the question's choices, if it has any."""
+    """Raise ``InputError`` unless a reply begins with a choice of the question, if it has choices."""
     if not reply.strip():
         raise InputError("the reply is empty", f"answer: {question.text}"[:300])
     if question.choices and first_word(reply) not in question.choices:

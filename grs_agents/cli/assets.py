@@ -1,4 +1,4 @@
-"""``grs assets``: bring 3D models of others into a library of one's own, and look at what is there."""
+"""``grs assets``: import 3D models into a library of the user's own, and inspect them."""
 
 import sys
 from pathlib import Path

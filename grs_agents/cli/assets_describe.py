@@ -4,7 +4,6 @@ import sys
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -15,13 +14,10 @@ from grs_agents.base.config.schema import Config
 from grs_agents.base.errors import ConfigError, GrsError, InputError
 from grs_agents.base.terminal import print_escaped, print_json
 from grs_agents.cli.assets_import import select_assets, user_library_root
-from grs_agents.library.asset import Asset, read_manifest
+from grs_agents.library.asset import read_manifest
 from grs_agents.library.importing.journal import update_manifest_entries
 from grs_agents.library.library import Library
 from grs_agents.models.factory import make_chat_model
-
-if TYPE_CHECKING:
-    from grs_agents.perception.matching.asset_index import AssetIndex
 
 ROLE = "describe"
 
@@ -29,22 +25,30 @@ ROLE = "describe"
 def describe_library(
     library: Path | None, names: Sequence[str], config: Config, again: bool, yes: bool, as_json: bool
 ) -> int:
-    """Describe the user's own assets after saying what it takes; 1 where the model gave no usable reply."""
+    """Describe the user's own assets after stating the cost. Returns: exit status, 1 after an unusable reply."""
     root = user_library_root(library)
     known, chosen = select_assets(library, names, False)
-    assets = _select_user_assets(chosen, root)
+    listed = {asset.name for asset in read_manifest(root).assets} if root.is_dir() else set[str]()
+    assets = [asset for asset in chosen if asset.name in listed]
+    if not assets:
+        remedy = "import some: grs assets import SOURCE"
+        raise InputError("none of these assets is your own; those that GRS ships have their descriptions", remedy)
     spec = config.model_for_role(ROLE)
     model = make_chat_model(spec, config.seed)
     todo = select_assets_to_describe(root, assets, spec.model, again)
     count = f"{len(todo.todo)} of {len(assets)} assets to describe with {spec.model}"
     if spec.model == "offline":
-        found = "it costs nothing, tells names and measurements, and does not look at pictures"
-        print_escaped(f"{count}: {found}", error=True)
+        cost = "it costs nothing, tells names and measurements, and does not look at pictures"
+        print_escaped(f"{count}: {cost}", error=True)
     else:
         cost = f"about {todo.input_tokens} tokens in (3 pictures each) and {todo.output_tokens} out"
         print_escaped(f"{count}: {cost}", error=True)
         if todo.todo and not yes:
-            _confirm_model_cost()
+            if not sys.stdin.isatty():
+                raise ConfigError("this model may cost money and nobody can be asked", "give --yes")
+            print_escaped("go on? [y/N] ", end="", error=True, flush=True)
+            if sys.stdin.readline().strip().lower() not in ("y", "yes"):
+                raise ConfigError("not confirmed, nothing was asked", "give --yes")
     by_name = {asset.name: asset for asset in assets}
     entries = [replace_asset_description(by_name[described.asset], described.words) for described in todo.done]
     records = list(todo.done)
@@ -67,28 +71,11 @@ def describe_library(
     return 1 if unanswered else 0
 
 
-def _select_user_assets(assets: Sequence[Asset], root: Path) -> list[Asset]:
-    """The assets that the library ``root`` itself lists."""
-    listed = {asset.name for asset in read_manifest(root).assets} if root.is_dir() else set[str]()
-    own = [asset for asset in assets if asset.name in listed]
-    if not own:
-        remedy = "import some: grs assets import SOURCE"
-        raise InputError("none of these assets is your own; those that GRS ships have their descriptions", remedy)
-    return own
-
-
-def _confirm_model_cost() -> None:
-    """Ask before money may be spent."""
-    if not sys.stdin.isatty():
-        raise ConfigError("this model may cost money and nobody can be asked", "give --yes")
-    print_escaped("go on? [y/N] ", end="", error=True, flush=True)
-    if sys.stdin.readline().strip().lower() not in ("y", "yes"):
-        raise ConfigError("not confirmed, nothing was asked", "give --yes")
-
-
 def update_asset_index(folder: Path, again: bool, as_json: bool) -> int:
-    """Bring an index in a folder up to date with the library; 1 if an asset could not be looked at."""
-    from grs_agents.perception.matching.asset_index import AssetIndex
+    """Bring an index in a folder up to date with the library. Returns: exit status, 1 if an asset could not be
+    embedded."""
+    from grs_agents.perception.matching.asset_appearance import load_appearance
+    from grs_agents.perception.matching.asset_index import AssetIndex, Vectors, embed_object
     from grs_agents.perception.matching.feature_matcher import matchable_assets
 
     if folder.exists() and not folder.is_dir():
@@ -96,10 +83,22 @@ def update_asset_index(folder: Path, again: bool, as_json: bool) -> int:
     library, index = Library(), AssetIndex(folder)
     assets = {asset.name: asset for asset in matchable_assets(library)}
     known = set(index.names())
-    wanted = [name for name in assets if again or name not in known]
+    pending = [name for name in assets if again or name not in known]
     gone = sorted(known - set(assets))
-    broken = _embed_assets_into_index(index, [assets[name] for name in wanted], library)
-    added = len(wanted) - len(broken)
+    vectors: dict[str, Vectors] = {}
+    broken: dict[str, str] = {}
+    columns = (TextColumn("indexing"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=terminal.make_console(error=True)) as progress:
+        for name in progress.track(pending):
+            asset = assets[name]
+            try:
+                appearance = load_appearance(name, library).views.mean(axis=0)
+                vectors[name] = embed_object(asset.description, appearance, asset.size)
+            except GrsError as error:
+                broken[name] = str(error)
+    if vectors:
+        index.add(list(vectors), np.stack(list(vectors.values())))
+    added = len(vectors)
     index.remove(gone)
     if index.needs_compaction:
         index.compact()
@@ -111,23 +110,3 @@ def update_asset_index(folder: Path, again: bool, as_json: bool) -> int:
         for name, reason in broken.items():
             print_escaped(f"  {name}: {reason}")
     return 1 if broken else 0
-
-
-def _embed_assets_into_index(index: "AssetIndex", assets: Sequence[Asset], library: Library) -> dict[str, str]:
-    """Add the vectors of each asset, and return why an asset has none, by its name."""
-    from grs_agents.perception.matching.asset_appearance import load_appearance
-    from grs_agents.perception.matching.asset_index import Vectors, embed_object
-
-    vectors: dict[str, Vectors] = {}
-    broken: dict[str, str] = {}
-    columns = (TextColumn("indexing"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=terminal.make_console(error=True)) as progress:
-        for asset in progress.track(assets):
-            try:
-                look = load_appearance(asset.name, library).views.mean(axis=0)
-                vectors[asset.name] = embed_object(asset.description, look, asset.size)
-            except GrsError as error:
-                broken[asset.name] = str(error)
-    if vectors:
-        index.add(list(vectors), np.stack(list(vectors.values())))
-    return broken

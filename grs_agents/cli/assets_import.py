@@ -18,7 +18,6 @@ from grs_agents.library.importing.archives import ImportSource, open_import_sour
 from grs_agents.library.importing.asset_discovery import slugify_name
 from grs_agents.library.importing.importer import ImportRun
 from grs_agents.library.importing.objaverse import (
-    ObjaverseEntry,
     download_objects,
     load_objaverse_package,
     search_objaverse,
@@ -29,11 +28,11 @@ from grs_agents.library.library import Library
 
 DEFAULT = Path("grs-content")
 _NAMED = 20
-"""Files that are told by name for each reason for which they are not read; ``--json`` has all of them."""
+"""Unread files listed for each reason; ``--json`` lists all of them."""
 
 
 def user_content_folder(library: Path | None) -> Path:
-    """The content folder of the user's assets: as named, else that of ``--content``, else ``grs-content`` here."""
+    """The content folder of the user's assets: ``library``, else that of ``--content``, else ``grs-content``."""
     overlays = content.content_search_roots()[:-1]
     return library or (overlays[0] if overlays else DEFAULT)
 
@@ -53,21 +52,21 @@ def import_source(
     again: bool,
     as_json: bool,
 ) -> int:
-    """Import a source, telling each outcome as it comes; 1 where something was refused."""
+    """Import a source, reporting each outcome. Returns: exit status, 1 if an asset was refused."""
     with open_import_source(source, options) as source_items:
         collection = slugify_name(name) if name is not None else source_items.collection
         if not source_items.items and not source_items.refused:
-            passed = [f"{outcome.source}: {outcome.reason}" for outcome in source_items.unread[:_NAMED]]
-            remedy = f"it holds {' | '.join(passed)}" if passed else "name a folder that does"
+            unread = [f"{outcome.source}: {outcome.reason}" for outcome in source_items.unread[:_NAMED]]
+            remedy = f"it holds {' | '.join(unread)}" if unread else "name a folder that does"
             raise InputError(f"{source} holds no mesh, URDF, SDF or MJCF", remedy)
         shipped = frozenset(asset.name for asset in Library(content.content_root() / "assets" / "library").assets())
         order = ImportRun(user_library_root(library), collection, options, Library().assets(), again, jobs, shipped)
-        progress = Progress(len(source_items.items) + len(source_items.refused), as_json)
+        progress = ImportProgress(len(source_items.items) + len(source_items.refused), as_json)
         return print_import_report([*order.run(source_items, progress), *source_items.unread], library, as_json)
 
 
-class Progress:
-    """One line for each outcome, on standard error."""
+class ImportProgress:
+    """Prints a line for each outcome on standard error."""
 
     def __init__(self, count: int, quiet: bool) -> None:
         self._count, self._quiet, self._done = count, quiet or VERBOSITY.get() == "quiet", 0
@@ -78,23 +77,23 @@ class Progress:
             return
         status = f"{outcome.status}{' before' if old else ''}"
         asset = outcome.asset
-        name, what = (outcome.item, outcome.reason) if asset is None else (asset.name, asset.description)
-        print_escaped(f"[{self._done}/{self._count}] {name}: {status}: {what}", error=True)
+        name, detail = (outcome.item, outcome.reason) if asset is None else (asset.name, asset.description)
+        print_escaped(f"[{self._done}/{self._count}] {name}: {status}: {detail}", error=True)
         for note in outcome.notes if not old else ():
             print_escaped(f"    {note}", error=True)
 
 
 def print_import_report(outcomes: Sequence[ImportOutcome], library: Path | None, as_json: bool) -> int:
-    """Print the report of an import; the exit status."""
+    """Print the report of an import. Returns: exit status."""
     refused = [outcome for outcome in outcomes if outcome.status == "refused"]
     if as_json:
         print_json([outcome.model_dump(mode="json") for outcome in outcomes])
         return 1 if refused else 0
     counts = Counter(outcome.status for outcome in outcomes)
     folder = user_content_folder(library)
-    told = f"{counts['imported']} imported, {counts['duplicate']} duplicates, {counts['refused']} refused"
-    told += f", {counts['unread']} not read" if counts["unread"] else ""
-    print_escaped(f"{told}; in {folder}")
+    summary = f"{counts['imported']} imported, {counts['duplicate']} duplicates, {counts['refused']} refused"
+    summary += f", {counts['unread']} not read" if counts["unread"] else ""
+    print_escaped(f"{summary}; in {folder}")
     for outcome in refused:
         print_escaped(f"refused {outcome.source}: {outcome.reason}")
     by_reason: dict[str, list[str]] = {}
@@ -102,36 +101,34 @@ def print_import_report(outcomes: Sequence[ImportOutcome], library: Path | None,
         if outcome.status == "unread":
             by_reason.setdefault(outcome.reason, []).append(outcome.source)
     for reason, files in by_reason.items():
-        more = f" and {len(files) - _NAMED} more" if len(files) > _NAMED else ""
-        print_escaped(f"not read {', '.join(files[:_NAMED])}{more}: {reason}")
-    look = shlex.join(["grs", "assets", "show", "--library", str(folder)])
-    print_escaped(f"look: {look}   use: {shlex.join(['grs', '--content', str(folder), 'run'])} SCENE")
+        rest = f" and {len(files) - _NAMED} more" if len(files) > _NAMED else ""
+        print_escaped(f"not read {', '.join(files[:_NAMED])}{rest}: {reason}")
+    show = shlex.join(["grs", "assets", "show", "--library", str(folder)])
+    print_escaped(f"look: {show}   use: {shlex.join(['grs', '--content', str(folder), 'run'])} SCENE")
     return 1 if refused else 0
 
 
 def select_assets(library: Path | None, names: Sequence[str], shipped: bool) -> tuple[Library, list[Asset]]:
-    """The library with the user's own assets, and those of the names or collections; all of the user's own if none."""
-    root, known = user_library_root(library), Library()
-    own: Sequence[Asset] = ()
+    """Returns: library with the user's assets; assets of these names or collections, by default the user's own."""
+    root, merged = user_library_root(library), Library()
+    user_assets: Sequence[Asset] = ()
     if root.is_dir():
-        own = Library(root).assets()
-        if root.resolve() not in [other.resolve() for other in known.roots]:
-            known = known.copy_with_overlay_root(root)
+        user_assets = Library(root).assets()
+        if root.resolve() not in [path.resolve() for path in merged.roots]:
+            merged = merged.copy_with_overlay_root(root)
     elif library is not None:
         raise InputError(f"there is no asset library in {library}", "import one: grs assets import SOURCE")
     if not names:
-        return known, list(known.assets() if shipped or not own else own)
-    return known, [asset for name in names for asset in _find_assets_by_name(known, name)]
-
-
-def _find_assets_by_name(library: Library, name: str) -> list[Asset]:
-    """The assets of the collection ``name``, or the asset of that name."""
-    collection = [asset for asset in library.assets() if asset.name.startswith(f"{name.rstrip('/')}/")]
-    return collection or [library.asset(name)]
+        return merged, list(merged.assets() if shipped or not user_assets else user_assets)
+    selected: list[Asset] = []
+    for name in names:
+        collection = [asset for asset in merged.assets() if asset.name.startswith(f"{name.rstrip('/')}/")]
+        selected += collection or [merged.asset(name)]
+    return merged, selected
 
 
 _WIDE = 120
-"""Columns of a terminal from which a description fits beside name, size, mass and licence."""
+"""Width from which a terminal has room for the description, columns."""
 
 
 def list_library(library: Path | None, names: Sequence[str], shipped: bool, as_json: bool) -> None:
@@ -164,7 +161,7 @@ def list_library(library: Path | None, names: Sequence[str], shipped: bool, as_j
 def write_contact_sheets(
     library: Path | None, names: Sequence[str], shipped: bool, out: Path, views: int, as_json: bool
 ) -> int:
-    """Write a contact sheet; 1 where an asset cannot be drawn."""
+    """Write a contact sheet. Returns: exit status, 1 if an asset cannot be rendered."""
     from grs_agents.library.contact_sheets import MAX_ASSETS, draw_contact_sheet
     from grs_agents.library.mesh_files import encode_png
 
@@ -189,7 +186,7 @@ def write_contact_sheets(
 
 
 def verify_library(library: Path | None, names: Sequence[str], shipped: bool, as_json: bool) -> int:
-    """Check assets; 1 where one is broken."""
+    """Check assets. Returns: exit status, 1 if an asset is broken."""
     from grs_agents.library.importing.drop_testing import verify_asset
 
     known, assets = select_assets(library, names, shipped)
@@ -209,39 +206,36 @@ def verify_library(library: Path | None, names: Sequence[str], shipped: bool, as
 
 COLLECTION = "objaverse"
 PREFIX = "objaverse:"
-"""Of a source that is searched for in Objaverse."""
+"""Prefix of a search in Objaverse as a source."""
 
 
 def import_objaverse(words: str, library: Path | None, options: ImportOptions, count: int, as_json: bool) -> int:
-    """List what matches words; with ``count``, download the first so many and import them."""
-    door = load_objaverse_package()
-    matches = search_objaverse(door, words)
+    """List the matches of a search; with ``count``, download and import that many. Returns: exit status."""
+    package = load_objaverse_package()
+    matches = search_objaverse(package, words)
     if not matches:
         raise InputError(f"nothing in Objaverse matches {words!r}", "use fewer or other words")
+    if count == 0 and as_json:
+        print_json([match.model_dump(mode="json") for match in matches])
+        return 0
     if count == 0:
-        _print_objaverse_matches(matches, as_json)
+        table = Table("uid", "title", "author", "licence", "faces", box=None, pad_edge=False, header_style="bold")
+        for match in matches:
+            table.add_row(*map(Text, (match.uid, match.title, match.author, match.license, str(match.faces or ""))))
+        terminal.make_console().print(table)
+        print_escaped(
+            f"{len(matches)} matches, nothing downloaded; --download N fetches and imports the first N", error=True
+        )
         return 0
     with tempfile.TemporaryDirectory(prefix="grs-objaverse-") as name:
-        named = download_objects(door, matches[:count], Path(name))
+        files = download_objects(package, matches[:count], Path(name))
         items = tuple(
             SourceItem(kind="mesh", name=Path(file).stem, file=file, license=entry.license)
-            for file, entry in named.items()
+            for file, entry in files.items()
         )
         if not items:
             raise InputError(f"none of {count} matches could be downloaded", "try again, or other words")
         source = ImportSource(SourceFolder(Path(name), options.limits.bytes), items, COLLECTION)
-        outcomes = ImportRun(user_library_root(library), COLLECTION, options).run(source, Progress(len(items), as_json))
+        progress = ImportProgress(len(items), as_json)
+        outcomes = ImportRun(user_library_root(library), COLLECTION, options).run(source, progress)
         return print_import_report(outcomes, library, as_json)
-
-
-def _print_objaverse_matches(matches: list[ObjaverseEntry], as_json: bool) -> None:
-    if as_json:
-        print_json([match.model_dump(mode="json") for match in matches])
-        return
-    table = Table("uid", "title", "author", "licence", "faces", box=None, pad_edge=False, header_style="bold")
-    for match in matches:
-        table.add_row(*map(Text, (match.uid, match.title, match.author, match.license, str(match.faces or ""))))
-    terminal.make_console().print(table)
-    print_escaped(
-        f"{len(matches)} matches, nothing downloaded; --download N fetches and imports the first N", error=True
-    )

@@ -33,10 +33,10 @@ def run_batch_and_print_rows(
     as_json: bool,
     **limits: Any,
 ) -> int:
-    """Make the runs, then print them or those that ``where`` selects; ``limits`` are fields of `BatchOrder`.
+    """Make the runs, then print all rows or those selected by ``where``; ``limits`` are fields of `BatchOrder`.
 
     Returns:
-        0 if every run came to a verdict and every wanted task was found, 1 if not.
+        Exit status: 0 if every run has a verdict and no task is missing, else 1.
     """
     order = BatchOrder(list_scenes(scenes), out, tasks, seed or 0, config, tuple(settings), **limits)
     try:
@@ -50,7 +50,7 @@ def run_batch_and_print_rows(
             folder = order.out / row.run
             if (folder / "events.jsonl").is_file() and not (folder / "report.html").is_file():
                 write_report(folder, None, lambda _: None)
-        results = run_batch(order)  # the page links the reports now; no run is made again
+        results = run_batch(order)  # links the reports on the page; no run is repeated
     _print_batch_rows(results.summary, select_rows(results.rows, where) if where else results.rows, order.out, as_json)
     verdicts = all(row.status in ("accepted", "rejected") for row in results.rows)
     given_up = list(find_scenes_given_up(order, results))
@@ -60,7 +60,7 @@ def run_batch_and_print_rows(
 
 
 def list_batch(out: Path, where: str | None, as_json: bool) -> int:
-    """Print the rows of an earlier batch, or those that ``where`` selects."""
+    """Print the rows of an earlier batch, or those selected by ``where``."""
     results = read_results(out)
     _print_batch_rows(results.summary, select_rows(results.rows, where) if where else results.rows, out, as_json)
     return 0
@@ -68,7 +68,7 @@ def list_batch(out: Path, where: str | None, as_json: bool) -> int:
 
 @contextmanager
 def _show_batch_progress_bar(order: BatchOrder) -> Generator[Any]:
-    """A bar on a terminal, above it a line for each run that ended; without a terminal the lines alone."""
+    """A progress bar on a terminal, and a line for each ended run."""
     console = terminal.make_console(error=True)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     ended = 0

@@ -6,12 +6,10 @@ from pathlib import Path
 from rich.table import Table
 from rich.text import Text
 
-from grs_agents.audit.types import AuditReport
 from grs_agents.base import terminal
 from grs_agents.base.config.load import EffectiveConfig
 from grs_agents.base.terminal import print_json
 from grs_agents.runs.program_check import CheckResult, check_user_program, open_check_order
-from grs_agents.sandbox.protocol.report import TestReport
 from grs_agents.views.live_views import attach_live_views
 from grs_agents.views.terminal import show_activity_status
 
@@ -19,51 +17,40 @@ from grs_agents.views.terminal import show_activity_status
 def check_program(
     program: Path, tests: Path | None, task: Path | None, scene: Path | None, chosen: EffectiveConfig, as_json: bool
 ) -> int:
-    """Check a program and print what was found; 0 if its tests pass and the audit accepts it, 1 if not."""
+    """Check a program and print the result. Returns: exit status, 0 if its tests pass and the audit accepts it, else
+    1."""
     with (
         open_check_order(program, tests, task, scene, chosen, attach_live_views) as order,
         show_activity_status("checking the program"),
     ):
-        found = check_user_program(order)
+        result = check_user_program(order)
     if as_json:
         value = {
-            "status": "accepted" if found.accepted else "rejected",
-            "reason": found.reason,
-            "tests": found.tests and found.tests.model_dump(mode="json"),
-            "audit": found.audit.model_dump(mode="json"),
+            "status": "accepted" if result.accepted else "rejected",
+            "reason": result.reason,
+            "tests": result.tests and result.tests.model_dump(mode="json"),
+            "audit": result.audit.model_dump(mode="json"),
         }
         print_json(value)
     else:
-        _print_check_result(found)
-    return 0 if found.accepted else 1
+        title = "accepted" if result.accepted else Text(f"rejected: {result.reason}")
+        table = Table(box=None, pad_edge=False, header_style="bold", title=title)
+        for column in ("check", "result", "measured", "asked"):
+            table.add_column(column, overflow="fold", no_wrap=column in ("check", "result"))
+        for row in _list_table_rows(result):
+            table.add_row(*map(Text, row))
+        console = terminal.make_console()
+        console.print(table)
+        console.print(Text(result.audit.about))
+    return 0 if result.accepted else 1
 
 
-def _print_check_result(found: CheckResult) -> None:
-    console = terminal.make_console()
-    table = Table(
-        box=None,
-        pad_edge=False,
-        header_style="bold",
-        title="accepted" if found.accepted else Text(f"rejected: {found.reason}"),
-    )
-    for column in ("check", "result", "measured", "asked"):
-        table.add_column(column, overflow="fold", no_wrap=column in ("check", "result"))
-    for row in (*_test_table_rows(found.tests), *_audit_table_rows(found.audit)):
-        table.add_row(*map(Text, row))
-    console.print(table)
-    console.print(Text(found.audit.about))
-
-
-def _test_table_rows(report: TestReport | None) -> Iterator[tuple[str, ...]]:
-    if report is None:
-        return
-    if not report.cases:
+def _list_table_rows(result: CheckResult) -> Iterator[tuple[str, ...]]:
+    report, audit = result.tests, result.audit
+    if report is not None and not report.cases:
         yield "tests", report.outcome, report.message
-    for case in report.cases:  # their class is the same for all, and long
+    for case in report.cases if report is not None else ():  # by method: the class is long and the same for all
         yield case.id.rpartition(".")[2], case.outcome, case.message
-
-
-def _audit_table_rows(audit: AuditReport) -> Iterator[tuple[str, ...]]:
     for finding in audit.findings:
         yield finding.check, "passed" if finding.passed else "failed", finding.measured, finding.bound
     for rollout in audit.rollouts:

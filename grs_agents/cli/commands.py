@@ -1,4 +1,4 @@
-"""The verbs. Each imports what it needs when it is called, so that ``grs --help`` is quick."""
+"""The verbs of ``grs``. Each imports its implementation when called, to keep ``grs --help`` fast."""
 
 import sys
 from pathlib import Path
@@ -73,7 +73,8 @@ SCENE = typer.Argument(
 Scene = Annotated[Path, SCENE]
 
 
-def _resolve_run(folder: Path) -> Path:
+def resolve_run_argument(folder: Path) -> Path:
+    """Resolve ``latest`` to a run folder."""
     from grs_agents.cli.runs import resolve_run_folder
 
     return resolve_run_folder(folder)
@@ -83,7 +84,7 @@ RunFolder = Annotated[
     Path,
     typer.Argument(
         help="A run folder, or latest: of those below runs/.",
-        callback=_resolve_run,
+        callback=resolve_run_argument,
         autocompletion=complete_run_folder,
     ),
 ]
@@ -103,8 +104,9 @@ _SCENES = "Scenes, folders of scenes, .npz files, bop:ROOT/SPLIT, sample scenes,
 _CONTENT = "Your own graphs, tools, prompts, assets, policies and models; their code is executed."
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+def print_version(requested: bool) -> None:
+    """Print the version and exit, for ``--version``."""
+    if requested:
         from grs_agents.base.version import __version__
 
         print_escaped(__version__)
@@ -114,7 +116,7 @@ def _print_version(wanted: bool) -> None:
 @app.callback()
 def apply_global_options(
     content_folder: Annotated[Path | None, typer.Option("--content", help=_CONTENT)] = None,
-    version: Annotated[bool, typer.Option("--version", "-V", callback=_print_version, is_eager=True)] = False,
+    version: Annotated[bool, typer.Option("--version", "-V", callback=print_version, is_eager=True)] = False,
 ) -> None:
     """From a photo with depth to a validated MuJoCo robot task."""
     if content_folder is not None:
@@ -460,8 +462,8 @@ def graph(
     """Print a graph as a mermaid diagram."""
     from grs_agents.runs.graph_loading import compile_graph
 
-    drawn = compile_graph(name).get_graph()
-    print_json(drawn.to_json()) if json else print_escaped(drawn.draw_mermaid())
+    topology = compile_graph(name).get_graph()
+    print_json(topology.to_json()) if json else print_escaped(topology.draw_mermaid())
 
 
 @app.command("mcp", rich_help_panel="Extend")

@@ -1,4 +1,4 @@
-"""Words for shell completion; a shell completes the names of files itself where a function returns nothing."""
+"""Shell completion; without a function here, the shell completes file names itself."""
 
 from collections.abc import Iterable
 from pathlib import Path

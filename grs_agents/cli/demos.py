@@ -17,12 +17,9 @@ from grs_agents.tasks.demos.production import DemoOrder, make_demonstrations
 from grs_agents.tasks.demos.types import FORMATS, DatasetSummary, Format
 from grs_agents.tasks.task_folder import open_task_folder
 
-_ABANDONED = 1
-"""Exit status where fewer episodes came about than were asked for."""
-
 
 def parse_format(name: str) -> Format:
-    """The format of a name."""
+    """The format ``name``. Raises UnknownNameError."""
     for known in FORMATS:
         if known == name:
             return known
@@ -30,7 +27,7 @@ def parse_format(name: str) -> Format:
 
 
 def parse_cameras(text: str) -> tuple[str, ...]:
-    """The cameras that ``photo,front`` names."""
+    """The cameras of a list such as ``photo,front``."""
     names = tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
     for name in names:
         if name not in CAMERAS:
@@ -39,7 +36,7 @@ def parse_cameras(text: str) -> tuple[str, ...]:
 
 
 def parse_size(text: str) -> tuple[int, int]:
-    """The rows and columns that ``96x128`` names."""
+    """Rows and columns of a size such as ``96x128``."""
     match = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text)
     size = (int(match[1]), int(match[2])) if match else (0, 0)
     if not all(0 < side <= LARGEST_PICTURE for side in size):
@@ -50,7 +47,8 @@ def parse_size(text: str) -> tuple[int, int]:
 
 
 def write_demonstrations(run: Path, order: DemoOrder, kind: str, out: Path | None, as_json: bool) -> int:
-    """Make the demonstrations of a task, with progress, and write them; 0 if there are as many as asked for, else 1."""
+    """Make and write the demonstrations of a task, with a progress bar. Returns: exit status, 1 if fewer than
+    requested."""
     chosen = parse_format(kind)
     check_format_requirements(chosen, order)
     folder = open_task_folder(run)
@@ -61,26 +59,26 @@ def write_demonstrations(run: Path, order: DemoOrder, kind: str, out: Path | Non
     with Progress(*columns, console=terminal.make_console(error=True)) as progress:
         row = progress.add_task("demonstrations", total=order.episodes)
 
-        def update_demo_progress(made: AttemptStore) -> None:
-            failed = len(made.attempts) - made.count
+        def update_demo_progress(store: AttemptStore) -> None:
+            failed = len(store.attempts) - store.count
             dropped = f", {failed} dropped" if failed else ""
-            progress.update(row, completed=made.count, description=f"demonstrations{dropped}")
+            progress.update(row, completed=store.count, description=f"demonstrations{dropped}")
 
-        made = make_demonstrations(folder, order, out.with_name(f"{out.name}-unfinished"), update_demo_progress)
+        store = make_demonstrations(folder, order, out.with_name(f"{out.name}-unfinished"), update_demo_progress)
         progress.update(row, description=f"writing {kind}")
-        summary = write_dataset(made, chosen, out, folder)
-    _print_summary(summary, order.episodes, as_json)
-    return 0 if summary.episodes == order.episodes else _ABANDONED
-
-
-def _print_summary(summary: DatasetSummary, wanted: int, as_json: bool) -> None:
+        summary = write_dataset(store, chosen, out, folder)
     if as_json:
         print_json(summary.model_dump(mode="json"))
-        return
+    else:
+        _print_summary(summary, order.episodes)
+    return 0 if summary.episodes == order.episodes else 1
+
+
+def _print_summary(summary: DatasetSummary, requested: int) -> None:
     console = terminal.make_console()
-    count = str(summary.episodes) if summary.episodes == wanted else f"only {summary.episodes} of {wanted}"
-    told = f"{summary.out}: {count} episodes, {summary.steps} steps, format {summary.format}"
-    console.print(Text(told, style="bold"))
+    count = str(summary.episodes) if summary.episodes == requested else f"only {summary.episodes} of {requested}"
+    line = f"{summary.out}: {count} episodes, {summary.steps} steps, format {summary.format}"
+    console.print(Text(line, style="bold"))
     if summary.dropped:
         stages = ", ".join(f"{count} by the {stage}" for stage, count in summary.dropped.items())
         console.print(Text(f"  attempts without a demonstration: {stages}"))

@@ -1,4 +1,4 @@
-"""``grs doctor``: what works here, and how to get what does not."""
+"""``grs doctor``: diagnosis of the installation, with remedies."""
 
 import os
 import subprocess
@@ -36,25 +36,24 @@ GL_BACKENDS = {"egl": "libegl1", "osmesa": "libosmesa6"}
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """One thing that was looked at."""
+    """The state of a part of the installation."""
 
     subject: str
     # `works`; `absent`, `not installed` or `no key` (all optional); `broken` (needed)
     state: Literal["works", "absent", "not installed", "no key", "broken"]
-    detail: str  # what was found
-    remedy: str = ""  # how to get it
+    detail: str
+    remedy: str = ""
 
 
 def diagnose_installation(as_json: bool) -> int:
-    """Look at the sandbox, GL, the models and the versions; 0 if all that GRS needs works, 3 if not."""
+    """Check sandbox, GL, models and versions. Returns: exit status, 0 if all required parts work, else 3."""
     with show_activity_status("attacking the sandboxes") as show:
-        diagnoses = _diagnose_all_sandboxes()
+        diagnoses = _diagnose_sandboxes()
         show("drawing with OpenGL")
         diagnoses += [_diagnose_gl_backend(name) for name in GL_BACKENDS]
         show("looking at models and packages")
         diagnoses.append(Diagnosis("models offline", "works", "embedded, no key"))
-        diagnoses += [*map(_diagnose_model_provider, _list_providers_to_diagnose()), *_diagnose_own_models()]
-        diagnoses += _diagnose_all_extras()
+        diagnoses += [*_diagnose_model_providers(), *_diagnose_model_entry_points(), *_diagnose_extras()]
     diagnoses += [Diagnosis(name, "works", value) for name, value in installed_versions().items()]
     if as_json:
         print_json([asdict(diagnosis) for diagnosis in diagnoses])
@@ -64,7 +63,7 @@ def diagnose_installation(as_json: bool) -> int:
 
 
 def _print_diagnoses(diagnoses: Sequence[Diagnosis]) -> None:
-    """Print what was found as a table, and below it each remedy on a line of its own, to be copied."""
+    """Print a table, and below it the remedies on lines of their own, to be copied."""
     console = terminal.make_console()
     table = Table(box=None, pad_edge=False, header_style="bold")
     table.add_column("what", no_wrap=True)
@@ -83,16 +82,16 @@ def _print_diagnoses(diagnoses: Sequence[Diagnosis]) -> None:
         console.print(Text(f"{', '.join(subjects)}\n    {remedy}"))
 
 
-def _diagnose_all_sandboxes() -> list[Diagnosis]:
-    """What ``sandbox = "auto"`` comes to, then each backend of this system: attacked, and given an endless program."""
-    asked = backend_candidates("auto")
-    diagnoses = {backend: _diagnose_sandbox_backend(backend) for backend in asked}
-    best = next((diagnosis for diagnosis in diagnoses.values() if diagnosis.state == "works"), None)
+def _diagnose_sandboxes() -> list[Diagnosis]:
+    """The choice of ``sandbox = "auto"``, then each backend of this system, probed with an endless program."""
+    backends = backend_candidates("auto")
+    diagnoses = [_diagnose_sandbox_backend(backend) for backend in backends]
+    best = next((diagnosis for diagnosis in diagnoses if diagnosis.state == "works"), None)
     if best is not None:
-        return [Diagnosis("sandbox", "works", f"auto takes {best.detail.split(':')[0]}"), *diagnoses.values()]
-    remedy = f"{' or '.join(BACKEND_REMEDIES[backend] for backend in asked)}, or accept the risk with {UNSAFE}"
+        return [Diagnosis("sandbox", "works", f"auto takes {best.detail.split(':')[0]}"), *diagnoses]
+    remedy = f"{' or '.join(BACKEND_REMEDIES[backend] for backend in backends)}, or accept the risk with {UNSAFE}"
     broken = Diagnosis("sandbox", "broken", "nothing separates generated code from this machine", remedy)
-    return [broken, *diagnoses.values()]
+    return [broken, *diagnoses]
 
 
 def _diagnose_sandbox_backend(backend: BackendChoice) -> Diagnosis:
@@ -112,7 +111,7 @@ _TESTS = "import unittest\nclass T(unittest.TestCase):\n    def test_a(self):\n 
 
 
 def _diagnose_gl_backend(name: str) -> Diagnosis:
-    """Make a renderer in a process of its own: a wrong ``MUJOCO_GL`` breaks the import of mujoco itself."""
+    """Create a renderer in a separate process: a wrong ``MUJOCO_GL`` breaks the import of mujoco itself."""
     probe = "import mujoco; mujoco.Renderer(mujoco.MjModel.from_xml_string('<mujoco/>'), 8, 8)"
     done = subprocess.run(
         [sys.executable, "-c", probe], env={**os.environ, "MUJOCO_GL": name}, capture_output=True, check=False
@@ -124,15 +123,15 @@ def _diagnose_gl_backend(name: str) -> Diagnosis:
     )
 
 
-def _list_providers_to_diagnose() -> list[str]:
-    """Of each package that an extra installs the first provider; of each package that is here all of its classes."""
+def _diagnose_model_providers() -> list[Diagnosis]:
+    """The first provider of each package of an extra; all model classes of each installed package."""
     listed: dict[tuple[str, str], str] = {}
     for name, provider in PROVIDERS.items():
         package = provider.module.partition(".")[0]
-        here = find_spec(package) is not None
-        if here or provider.extra:
-            listed.setdefault((package, provider.model_class if here else ""), name)
-    return list(listed.values())
+        installed = find_spec(package) is not None
+        if installed or provider.extra:
+            listed.setdefault((package, provider.model_class if installed else ""), name)
+    return [_diagnose_model_provider(name) for name in listed.values()]
 
 
 def _diagnose_model_provider(name: str) -> Diagnosis:
@@ -149,8 +148,8 @@ def _diagnose_model_provider(name: str) -> Diagnosis:
     return Diagnosis(f"models {name}", "works", f"the package is installed{key_state}")
 
 
-def _diagnose_own_models() -> list[Diagnosis]:
-    """The models that other packages offer, and whether they can be imported."""
+def _diagnose_model_entry_points() -> list[Diagnosis]:
+    """The models offered by other packages, imported."""
     diagnoses: list[Diagnosis] = []
     for entry in entry_points(group=MODEL_ENTRY_POINTS):
         subject = f"models {entry.name}"
@@ -162,34 +161,30 @@ def _diagnose_own_models() -> list[Diagnosis]:
     return diagnoses
 
 
-def _diagnose_all_extras() -> list[Diagnosis]:
-    """Whether the packages of each extra are here, in a version that it takes."""
-    declared = metadata(_DISTRIBUTION).get_all("Provides-Extra") or []
-    wanted = [Requirement(text) for text in requires(_DISTRIBUTION) or ()]
-    return [_diagnose_extra(name, [one for one in wanted if _is_required_by_extra(one, name)]) for name in declared]
-
-
-def _diagnose_extra(name: str, wanted: list[Requirement]) -> Diagnosis:
-    missing = [f"{one.name}{one.specifier}" for one in wanted if not one.specifier.contains(_get_version(one.name))]
-    if missing:
-        detail = f"missing: {', '.join(missing)}"
-        return Diagnosis(f"extra {name}", "not installed", detail, _pip_install_command(name))
-    return Diagnosis(f"extra {name}", "works", ", ".join(f"{need.name} {_get_version(need.name)}" for need in wanted))
-
-
-def _is_required_by_extra(wanted: Requirement, extra: str) -> bool:
-    """Whether an extra asks for this package and the package itself does not."""
-    marker = wanted.marker
-    return marker is not None and marker.evaluate({"extra": extra}) and not marker.evaluate({"extra": ""})
+def _diagnose_extras() -> list[Diagnosis]:
+    """Each extra, whose packages must be installed in a required version."""
+    diagnoses: list[Diagnosis] = []
+    requirements = [Requirement(text) for text in requires(_DISTRIBUTION) or ()]
+    for extra in metadata(_DISTRIBUTION).get_all("Provides-Extra") or []:
+        needs = [
+            need
+            for need in requirements
+            if (marker := need.marker) and marker.evaluate({"extra": extra}) and not marker.evaluate({"extra": ""})
+        ]
+        missing = [need for need in needs if not need.specifier.contains(_get_version(need.name))]
+        if missing:
+            detail = f"missing: {', '.join(f'{need.name}{need.specifier}' for need in missing)}"
+            install = f'pip install "{_DISTRIBUTION}[{extra}]"'
+            diagnoses.append(Diagnosis(f"extra {extra}", "not installed", detail, install))
+        else:
+            versions = ", ".join(f"{need.name} {_get_version(need.name)}" for need in needs)
+            diagnoses.append(Diagnosis(f"extra {extra}", "works", versions))
+    return diagnoses
 
 
 def _get_version(package: str) -> str:
-    """The version that is installed; one that nothing takes if there is none."""
+    """The installed version; without the package, a version that satisfies no requirement."""
     try:
         return version(package)
     except PackageNotFoundError:
         return "0.dev0"
-
-
-def _pip_install_command(extra: str) -> str:
-    return f'pip install "{_DISTRIBUTION}[{extra}]"'

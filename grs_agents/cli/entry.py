@@ -1,4 +1,4 @@
-"""Run the ``grs`` command, and report whatever ends it early."""
+"""Entry point of ``grs``: run the command line and report errors."""
 
 import contextlib
 import errno
@@ -20,23 +20,26 @@ from grs_agents.base.terminal import VERBOSITY, EscapingFormatter, print_escaped
 from grs_agents.runs.deferred_imports import defer_unused_imports
 
 _FEWEST_FILES = 256
-"""Open files that the shell must allow. The sandbox's processes number some of theirs from 128 upwards."""
+"""Open files required. The sandbox's processes use file numbers from 128 upwards."""
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 _COLLECTED_AFTER = 20_000
-"""New containers until the collector of cycles looks at them; imports alone make hundreds of thousands that stay."""
+"""Threshold of the garbage collector, objects; imports alone create hundreds of thousands that stay."""
 _NO_CHOICE = re.compile(r"'([^']*)' is not one of ((?:'[\w-]+'(?:, )?)+)")
 _INTERRUPTED = 130
-"""Exit status, as shells give it for Ctrl-C."""
+"""Exit status after Ctrl-C, as in shells."""
 
 
 def main() -> None:
-    """Run the command line; a user's error is one line on stderr and exit status 2, ours is 3 with its traceback.
+    """Run the command line. A user's error is a line on stderr and exit status 2; an internal error is 3 with
+    traceback.
 
-    A request to end (SIGTERM) is an interruption like Ctrl-C.
+    SIGTERM interrupts like Ctrl-C.
     """
     interrupts.install_signal_handlers()
     _open_standard_streams()
-    _reduce_startup_cost()
+    gc.set_threshold(_COLLECTED_AFTER)
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for small matrices its threads only wait for each other
+    defer_unused_imports()
     VERBOSITY.set("normal")
     try:
         _run_and_exit()
@@ -69,13 +72,13 @@ def _run_and_exit() -> NoReturn:
 
 
 def _open_standard_streams() -> None:
-    """Let nothing that a verb opens become standard output, and let text be written that its encoding lacks."""
+    """Reopen closed standard streams, so that no opened file takes their place, and escape unencodable characters."""
     for number in range(3):
         try:
             os.fstat(number)
         except OSError:  # the shell has closed it: ``>&-``
             os.open(os.devnull, os.O_RDWR)
-    # Python leaves None where a stream was closed
+    # Python sets a closed stream to None
     sys.stdout = cast(TextIO | None, sys.stdout) or os.fdopen(1, "w")
     sys.stderr = cast(TextIO | None, sys.stderr) or os.fdopen(2, "w")
     if isinstance(sys.stdout, io.TextIOWrapper):
@@ -83,13 +86,13 @@ def _open_standard_streams() -> None:
 
 
 def _flush_standard_output() -> None:
-    """Write what is left, or exit with the line that says why it cannot be written."""
+    """Flush, or exit with a line that gives the reason of the failure."""
     try:
         sys.stdout.flush()
     except OSError as error:
-        with contextlib.suppress(OSError):  # or Python would try once more
+        with contextlib.suppress(OSError):  # keeps Python from flushing again at exit
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        if error.errno == errno.EPIPE:  # ``| head``: who closes a pipe knows that there is more
+        if error.errno == errno.EPIPE:  # ``| head``
             sys.exit(1)
         _exit_with_line(_unwritable_output_error(error))
 
@@ -99,7 +102,7 @@ def _unwritable_output_error(error: OSError) -> InputError:
 
 
 def _require_open_files() -> None:
-    """Raise the limit on open files as far as it is too low. Raises InputError: the system does not allow that."""
+    """Raise a low limit on open files. Raises InputError: the system does not allow that."""
     lowest, highest = resource.getrlimit(resource.RLIMIT_NOFILE)
     if highest != resource.RLIM_INFINITY and highest < _FEWEST_FILES:
         raise InputError(
@@ -107,13 +110,6 @@ def _require_open_files() -> None:
         )
     if lowest != resource.RLIM_INFINITY and lowest < _FEWEST_FILES:
         resource.setrlimit(resource.RLIMIT_NOFILE, (_FEWEST_FILES, highest))
-
-
-def _reduce_startup_cost() -> None:
-    """Settings of this process that cost nothing but would have to be made before its imports."""
-    gc.set_threshold(_COLLECTED_AFTER)
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for matrices this small its threads only wait for one another
-    defer_unused_imports()
 
 
 def _exit_with_line(error: GrsError) -> NoReturn:
@@ -124,7 +120,7 @@ def _exit_with_line(error: GrsError) -> NoReturn:
 
 
 def _exit_with_traceback(error: Exception) -> NoReturn:
-    """Print an error of ours and end."""
+    """Report an internal error and exit."""
     _print_error(f"grs: {type(error).__name__}: {error}; report it with this traceback:\n")
     _print_error("".join(traceback.format_exception(error)))
     sys.exit(GrsError.exit_status)
@@ -133,13 +129,13 @@ def _exit_with_traceback(error: Exception) -> NoReturn:
 def _print_error(text: str) -> None:
     try:
         print_escaped(text, error=True, end="", flush=True)
-    except OSError:  # where nobody can be told, the exit status says enough; Python would try once more and change it
+    except OSError:  # a second flush by Python at exit would change the exit status
         with contextlib.suppress(OSError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
 
 
 def _check_arguments(arguments: Sequence[str]) -> None:
-    """See that every argument can be the name of something."""
+    """Refuse empty arguments and invalid paths."""
     for number, argument in enumerate(arguments, start=1):
         option, _, value = argument.partition("=") if argument.startswith("--") else ("", "", argument)
         shown = f"argument {number}" + (f" ({arguments[number - 2]} ...)" if number > 1 else "")
@@ -148,25 +144,21 @@ def _check_arguments(arguments: Sequence[str]) -> None:
         check_path_name(value, shown)
 
 
-def _suggest_choice(message: str) -> str:
-    """``message``; where it refuses one of a few words, with the one that was probably meant."""
-    refused = _NO_CHOICE.search(message)
-    meant = suggest_name(refused[1], refused[2].replace("'", "").split(", ")) if refused else ""
-    return f"{message.rstrip()} {meant.strip().capitalize()}\n" if meant else message
-
-
 def _run_command_line(app: Any) -> int:
-    """Run the verb, and say what is wrong with the command line if something is."""
+    """Run the verb. Errors of the command line are printed, with a suggestion for a misspelt choice."""
     from typer.exceptions import Abort, TyperException
 
     try:
-        # The name by which shells ask for completion, however the program was started.
+        # Shell completion needs this name, however the program was started.
         return int(app(prog_name="grs", standalone_mode=False) or 0)
     except TyperException as error:
         message = io.StringIO()
         with contextlib.redirect_stderr(message):
             cast(Any, error).show()
-        _print_error(_suggest_choice(message.getvalue()))
+        text = message.getvalue()
+        refused = _NO_CHOICE.search(text)
+        suggestion = suggest_name(refused[1], refused[2].replace("'", "").split(", ")) if refused else ""
+        _print_error(f"{text.rstrip()} {suggestion.strip().capitalize()}\n" if suggestion else text)
         return error.exit_code
     except Abort:
         return 1

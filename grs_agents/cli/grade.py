@@ -7,25 +7,20 @@ from rich.text import Text
 
 from grs_agents.base import terminal
 from grs_agents.base.terminal import print_json
-from grs_agents.tasks.grading.grade import Grade, grade_task
+from grs_agents.tasks.grading.grade import grade_task
 from grs_agents.tasks.grading.trials import GradeOrder
 from grs_agents.tasks.task_folder import open_task_folder
 from grs_agents.views.terminal import show_activity_status
 
 
 def print_grade(run: Path, order: GradeOrder, workers: int, as_json: bool) -> int:
-    """Grade a task and print its difficulty with what it is made of."""
+    """Grade a task and print its difficulty with the parts of the grade."""
     folder = open_task_folder(run)
     with show_activity_status("grading the task") as show:
         grade = grade_task(folder, order, workers, lambda stage, done, total: show(f"{stage}: {done}/{total}"))
     if as_json:
         print_json({"run": str(run), "order": order.model_dump(mode="json"), **grade.model_dump(mode="json")})
-    else:
-        _print_grade_table(run, grade)
-    return 0
-
-
-def _print_grade_table(run: Path, grade: Grade) -> None:
+        return 0
     console = terminal.make_console()
     table = Table(box=None, pad_edge=False, header_style="bold", title=f"{run}: difficulty {grade.difficulty:.2f}")
     for column in ("part", "value", "difficulty", "weight", "what it is"):
@@ -40,3 +35,4 @@ def _print_grade_table(run: Path, grade: Grade) -> None:
     crowd, yaw = figures.clutter.objects_per_square_metre, figures.tolerance.degrees
     yaws = "any yaw will do" if yaw >= 180 else f"yaw within {yaw:.0f} degrees"
     console.print(Text(f"{crowd:.0f} objects a square metre; {yaws}; {figures.demonstrations} demonstrations"))
+    return 0

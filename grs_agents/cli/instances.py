@@ -11,7 +11,7 @@ from grs_agents.base.errors import InputError
 from grs_agents.base.files import refuse_link
 from grs_agents.base.terminal import print_escaped, print_json
 from grs_agents.sim.variation.types import Variation
-from grs_agents.tasks.varied_instances import Manifest, make_varied_instances
+from grs_agents.tasks.varied_instances import VariationManifest, make_varied_instances
 
 _MOST_SEEDS = 100_000
 _LARGEST_SEED = 2**32
@@ -19,7 +19,7 @@ _SHOWN = 5
 
 
 def parse_seed_range(text: str) -> range:
-    """The seeds that ``FIRST:END`` names, END not among them; ``N`` is that seed alone."""
+    """The seeds of ``FIRST:END``, END excluded; ``N`` is that seed alone."""
     match = re.fullmatch(r"(\d{1,10})(?::(\d{1,10}))?", text)
     first = int(match[1]) if match else 0
     end = (int(match[2]) if match[2] else first + 1) if match else 0
@@ -31,33 +31,30 @@ def parse_seed_range(text: str) -> range:
 
 
 def write_instances(run: Path, seeds: str, variation: Variation, out: Path | None, workers: int, as_json: bool) -> int:
-    """Make varied instances of a run, with progress, and print what came of it; 1 if none of them is solved."""
-    wanted = parse_seed_range(seeds)
+    """Make varied instances of a run with a progress bar, and print a summary. Returns: exit status, 1 if none is
+    solved."""
+    requested = parse_seed_range(seeds)
     folder = out or refuse_link(run.resolve().with_name(f"{run.resolve().name}-instances"))
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=terminal.make_console(error=True)) as progress:
-        row = progress.add_task("instances", total=len(wanted))
+        row = progress.add_task("instances", total=len(requested))
 
-        def update_instance_progress(manifest: Manifest) -> None:
-            there = len(manifest.seeds.intersection(wanted))
-            progress.update(row, completed=there, description=f"instances, {len(manifest.left_out)} left out")
+        def update_instance_progress(manifest: VariationManifest) -> None:
+            completed = len(manifest.seeds.intersection(requested))
+            progress.update(row, completed=completed, description=f"instances, {len(manifest.left_out)} left out")
 
         try:
-            made = make_varied_instances(run, wanted, variation, folder, workers, update_instance_progress)
+            manifest = make_varied_instances(run, requested, variation, folder, workers, update_instance_progress)
         except KeyboardInterrupt:
             print_escaped("interrupted; the same command goes on", error=True)
             raise
-    _print_instances_made(folder, made, as_json)
-    return 0 if made.instances else 1
-
-
-def _print_instances_made(folder: Path, made: Manifest, as_json: bool) -> None:
     if as_json:
-        print_json({"folder": str(folder), **made.model_dump(mode="json")})
-        return
+        print_json({"folder": str(folder), **manifest.model_dump(mode="json")})
+        return 0 if manifest.instances else 1
     console = terminal.make_console()
-    console.print(Text(f"{folder}: {len(made.instances)} instances that the expert solves", style="bold"))
-    for one in made.left_out[:_SHOWN]:
-        console.print(Text(f"  left out: seed {one.seed}: {one.outcome}: {one.detail}"))
-    if len(made.left_out) > _SHOWN:
-        console.print(Text(f"  and {len(made.left_out) - _SHOWN} more, see manifest.json"))
+    console.print(Text(f"{folder}: {len(manifest.instances)} instances that the expert solves", style="bold"))
+    for item in manifest.left_out[:_SHOWN]:
+        console.print(Text(f"  left out: seed {item.seed}: {item.outcome}: {item.detail}"))
+    if len(manifest.left_out) > _SHOWN:
+        console.print(Text(f"  and {len(manifest.left_out) - _SHOWN} more, see manifest.json"))
+    return 0 if manifest.instances else 1

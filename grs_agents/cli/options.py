@@ -1,7 +1,8 @@
-"""Options that several verbs share. The configuration is imported when it is asked for: ``--help`` needs none."""
+"""Options shared by several verbs. The configuration is imported on use: ``--help`` does without."""
 
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -101,7 +102,7 @@ OfScene = Annotated[
 def build_variation_from_options(
     jitter: float, yaw: float, mass: float, friction: float, light: bool, texture: bool, distractors: int
 ) -> "Variation":
-    """The variation that these options make; ``yaw`` is in degrees."""
+    """The variation of these options; ``yaw`` is in degrees."""
     from grs_agents.sim.variation.types import Variation
 
     return Variation(
@@ -118,19 +119,19 @@ def build_variation_from_options(
 def load_effective_config(
     file: Path | None, settings: list[str] | None, seed: int | None = None, unsafe: bool = False
 ) -> "EffectiveConfig":
-    """The configuration that these options make; ``--seed N`` is ``--set seed=N``."""
+    """The configuration of these options; ``--seed N`` is ``--set seed=N``."""
     from grs_agents.base.config.load import load_config
 
     return load_config(file, [*(settings or []), *([] if seed is None else [f"seed={seed}"])], unsafe=unsafe)
 
 
 def add_model_setting(settings: list[str] | None, models: list[str] | None) -> list[str]:
-    """The settings with those of ``--model``: ``--model NAME`` is ``--set models.default=NAME``."""
+    """The settings plus ``--model``: ``--model NAME`` is ``--set models.default=NAME``."""
     return [*(settings or []), *([f"models.default={json.dumps(models)}"] if models else [])]
 
 
 def find_unnamed_scene(resumed: Path | None, cassette: str | None) -> Path:
-    """The scene of the run that is resumed, or of a recorded one, for a command that names none."""
+    """The scene of a resumed or recorded run, for a command line without a scene."""
     if resumed is not None:
         from grs_agents.runs.record import read_record
 
@@ -144,7 +145,7 @@ def find_unnamed_scene(resumed: Path | None, cassette: str | None) -> Path:
 
 
 def build_recording_settings(record: Path | None, cassette: str | None) -> list[str]:
-    """The settings that ``--record`` and ``--cassette`` make: a run is repeated with those it was recorded with."""
+    """The settings of ``--record`` and ``--cassette``: a recorded run is repeated with its own settings."""
     from grs_agents.agents.recorded import read_cassette
     from grs_agents.runs.recording import select_cassette_settings
 
@@ -152,47 +153,50 @@ def build_recording_settings(record: Path | None, cassette: str | None) -> list[
     if cassette is not None:
         values = select_cassette_settings(read_cassette(cassette).settings)
         values["cassette"] = str(Path(cassette).resolve()) if Path(cassette).exists() else cassette
-    if record is not None:  # models may be asked, and then the user says which
+    if record is not None:  # models may be called, then the user chooses them
         values = {key: value for key, value in values.items() if not key.startswith("models.")}
         values["record"] = str(record.resolve())
     return [f"{key}={json.dumps(value)}" for key, value in values.items()]
 
 
 def check_graph_is_scene(chosen: "EffectiveConfig") -> None:
-    """Refuse another graph than ``scene``, the only one that comprehends a photo alone."""
+    """Refuse any graph but ``scene``, the only graph that comprehends a photo alone."""
     if chosen.sources.get("graph") == "--set" and chosen.config.graph != "scene":
         remedy = "leave graph out, or use grs run"
         raise ConfigError(f"grs scene runs the graph scene, not {chosen.config.graph!r}", remedy)
 
 
-_WHOLE = 1000
-"""Characters, more than any first sentence of a verb has: Typer cuts what is longer than it is told."""
+_MAX_SUMMARY = 1000
+"""Characters of a verb's first sentence in the help, more than any has: Typer cuts longer text."""
 
 
-def _set_quiet(wanted: bool) -> None:
-    if wanted:
-        VERBOSITY.set("quiet")
+def _set_verbosity(name: Literal["quiet", "verbose"]) -> Callable[[bool], None]:
+    def set_if_given(given: bool) -> None:
+        if given:
+            VERBOSITY.set(name)
 
-
-def _set_verbose(wanted: bool) -> None:
-    if wanted:
-        VERBOSITY.set("verbose")
+    return set_if_given
 
 
 def _declare_verbosity_options(
     quiet: Annotated[
-        bool, typer.Option("--quiet", "-q", help="Print results and errors alone.", callback=_set_quiet)
+        bool, typer.Option("--quiet", "-q", help="Print results and errors alone.", callback=_set_verbosity("quiet"))
     ] = False,
     verbose: Annotated[
         bool,
-        typer.Option("--verbose", "-v", help="Print each event, and the traceback of an error.", callback=_set_verbose),
+        typer.Option(
+            "--verbose",
+            "-v",
+            help="Print each event, and the traceback of an error.",
+            callback=_set_verbosity("verbose"),
+        ),
     ] = False,
 ) -> None:
     """Only its options are used."""
 
 
 class VerbGroup(TyperGroup):
-    """Verbs in groups, by their ``rich_help_panel``; each takes --quiet and --verbose beside its own options."""
+    """Verbs grouped by ``rich_help_panel``, each with --quiet and --verbose besides its own options."""
 
     def __init__(self, **attributes: Any) -> None:
         super().__init__(**attributes)
@@ -205,10 +209,12 @@ class VerbGroup(TyperGroup):
             command.params = [*command.params, *options]
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write the first sentence of each verb, whole, under the name of its group."""
+        """Write the full first sentence of each verb under the title of its group."""
         verbs = [command for command in self.commands.values() if isinstance(command, TyperCommand | TyperGroup)]
         widest = max(len(verb.name or "") for verb in verbs)
         for title in dict.fromkeys(verb.rich_help_panel for verb in verbs):
-            rows = [(verb.name, verb.get_short_help_str(_WHOLE)) for verb in verbs if verb.rich_help_panel == title]
+            rows = [
+                (verb.name, verb.get_short_help_str(_MAX_SUMMARY)) for verb in verbs if verb.rich_help_panel == title
+            ]
             with formatter.section(title or "Commands"):
                 formatter.write_dl([((name or "").ljust(widest), text) for name, text in rows])

@@ -1,4 +1,4 @@
-"""``grs run`` and ``grs scene``."""
+"""``grs run``, ``grs scene`` and ``grs approve``."""
 
 import shlex
 import sys
@@ -24,7 +24,7 @@ from grs_agents.perception.reading.scene_source import resolve_scene_path
 from grs_agents.perception.types import SceneDescription, read_scene_description
 from grs_agents.runs.execution import WAITING, Outcome, UnexpectedError, Views, execute_run
 from grs_agents.runs.record import RunRecord, read_record
-from grs_agents.runs.run_opening import Order
+from grs_agents.runs.run_opening import RunOrder
 from grs_agents.views.live_views import attach_live_views
 from grs_agents.views.terminal import summary_table
 
@@ -39,13 +39,13 @@ def run_graph(
     view: bool = False,
     otel: bool = False,
 ) -> int:
-    """Run the configured graph with its recording and live progress, and print the end."""
-    order = Order(command, resolve_scene_path(scene), config, out, resume)
+    """Run the configured graph with recording and live progress, and print the outcome."""
+    order = RunOrder(command, resolve_scene_path(scene), config, out, resume)
     return run_until_ended_and_print(order, scene, as_json, partial(attach_live_views, view=view, otel=otel))
 
 
-def run_until_ended_and_print(order: Order, scene: Path, as_json: bool, views: Views = attach_live_views) -> int:
-    """Run what was ordered, ask at the terminal what it asks, and print the end."""
+def run_until_ended_and_print(order: RunOrder, scene: Path, as_json: bool, views: Views = attach_live_views) -> int:
+    """Run the order, ask its questions at the terminal, and print the outcome."""
     ended = execute_run(order, views)
     while ended.record.question is not None and sys.stdin.isatty() and not as_json:
         print_question(ended.record.question)
@@ -61,21 +61,24 @@ def run_until_ended_and_print(order: Order, scene: Path, as_json: bool, views: V
 
 
 def approve_run(folder: Path, reply: str | None, config: EffectiveConfig, as_json: bool) -> int:
-    """Go on with a waiting run with a reply; without one print what it asks, and ask it on a terminal."""
+    """Resume a waiting run with a reply; without a reply print its question, and ask it on a terminal."""
     record = read_record(folder)
     if record.question is None:
-        look = shlex.join(["grs", "show", str(folder)])
-        raise InputError(f"the run {folder} is {record.status} and waits for no reply", look)
+        remedy = shlex.join(["grs", "show", str(folder)])
+        raise InputError(f"the run {folder} is {record.status} and waits for no reply", remedy)
     if reply is None and not sys.stdin.isatty():
         print_json(record.question.model_dump(mode="json")) if as_json else print_question(record.question)
         return WAITING
     source = Path(record.source)
-    order = Order(record.command, source, config, folder, True, reply=reply)
+    order = RunOrder(record.command, source, config, folder, True, reply=reply)
     return run_until_ended_and_print(order, source, as_json)
 
 
-def _print_run_outcome(order: Order, scene: Path, ended: Outcome, as_json: bool) -> None:
-    command, local = order.command, _list_local_options(order.config)
+def _print_run_outcome(order: RunOrder, scene: Path, ended: Outcome, as_json: bool) -> None:
+    command = order.command
+    # the settings that a run folder cannot choose are repeated on the command line of a resumption
+    local = [UNSAFE] if order.config.config.sandbox == "none" else []
+    local += [part for setting in list_local_settings(order.config) for part in ("--set", setting)]
     if as_json:
         print_json(ended.record.model_dump(mode="json"))
     elif ended.problem is None and terminal.VERBOSITY.get() == "quiet":
@@ -94,14 +97,8 @@ def _print_run_outcome(order: Order, scene: Path, ended: Outcome, as_json: bool)
         print_escaped(f"waiting for a reply; to go on: {again}", error=True)
 
 
-def _list_local_options(effective: EffectiveConfig) -> list[str]:
-    """The options that state again what a run folder cannot choose, so that the run goes on as it began."""
-    options = [UNSAFE] if effective.config.sandbox == "none" else []
-    return options + [part for setting in list_local_settings(effective) for part in ("--set", setting)]
-
-
 def print_question(question: Question) -> None:
-    """What a run waits for: the details, then the question, then the choices."""
+    """Print the details, the question and the choices."""
     print_escaped("\n".join(filter(None, (question.details, question.text))))
     if question.choices:
         print_escaped(f"choices: {', '.join(question.choices)}")
@@ -124,7 +121,7 @@ def _print_run_summary(command: str, folder: Path, record: RunRecord) -> None:
 
 
 def _print_run_error(problem: GrsError, folder: Path) -> None:
-    """One line; what nobody foresaw has its traceback too, and what was reached can be gone on with."""
+    """A line for the error, a traceback for an unexpected error, and the folder to resume."""
     print_escaped(f"grs: {problem}", error=True)
     if isinstance(problem, InputError):
         if terminal.VERBOSITY.get() == "verbose":
@@ -136,7 +133,7 @@ def _print_run_error(problem: GrsError, folder: Path) -> None:
 
 
 def build_objects_table(scene: SceneDescription) -> Table:
-    """The objects of a scene for a terminal: sizes in centimetres, positions in metres in the robot's frame."""
+    """The objects of a scene for a terminal: sizes in centimetres, positions in metres in the robot frame."""
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
     table.add_column("name", overflow="fold")
     table.add_column("asset", overflow="fold")

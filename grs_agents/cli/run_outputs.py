@@ -1,9 +1,8 @@
-"""What a run leaves for others: ``grs report`` and ``grs share``."""
+"""``grs report`` and ``grs share``."""
 
 import tempfile
 from collections.abc import Callable
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
@@ -19,7 +18,7 @@ from grs_agents.runs.record import read_record
 
 
 def send_otel_spans(folder: Path, as_json: bool) -> None:
-    """Send a run as OpenTelemetry spans to where the ``OTEL_*`` variables say."""
+    """Send a run as OpenTelemetry spans to the endpoint of the ``OTEL_*`` variables."""
     from grs_agents.views.telemetry import SpanView, make_otlp_provider
 
     read_record(folder)
@@ -35,7 +34,7 @@ def send_otel_spans(folder: Path, as_json: bool) -> None:
 
 
 def write_report(folder: Path, out: Path | None, show: Callable[[str], None]) -> Path:
-    """Write a run as one HTML page, ``report.html`` in its folder if nothing else is named."""
+    """Write a run as an HTML page, by default ``report.html`` in its folder."""
     from grs_agents.views.common.foreign_decoding import decode_in_worker
     from grs_agents.views.common.scene_objects import library_with_run_assets
     from grs_agents.views.report.page import render_html_report
@@ -52,7 +51,7 @@ def write_report(folder: Path, out: Path | None, show: Callable[[str], None]) ->
 
 
 def write_run_as_file(folder: Path, out: Path | None, seed: int | None, large: bool, as_json: bool) -> None:
-    """Write a run as what the ending of ``out`` says and tell where; standard output is the page's alone."""
+    """Write a run in the format of ``out``'s suffix, and print the path unless it is standard output."""
     from grs_agents.views.film.rollout_film import HIGH_DEFINITION, SUFFIXES, make_rollout_shot, write_film
     from grs_agents.views.terminal import show_activity_status
 
@@ -82,44 +81,37 @@ def write_run_as_file(folder: Path, out: Path | None, seed: int | None, large: b
 
 
 def share_run_as_zip(folder: Path, out: Path | None, as_json: bool) -> None:
-    """Pack a run into a zip file without keys and home folders, and say what was removed and left out."""
+    """Pack a run into a zip file without keys and home folders, and print the removed and omitted files."""
     from grs_agents.runs.sharing import make_scrubber, pack_run_as_zip
     from grs_agents.views.terminal import show_activity_status
 
     record = read_record(folder)
     path = out or refuse_link(folder.resolve().with_suffix(".zip"))
     check_output_path(path)
+    models = cast("dict[str, dict[str, Any]]", record.config.as_json().get("models") or {})
+    choices = [choice for model in models.values() for choice in (model, *(model.get("fallbacks") or ()))]
+    key_variables = [str(choice.get("key_variable") or "") for choice in choices]
+    key_variables += [provider.key_variable for provider in PROVIDERS.values()]
     with show_activity_status("removing keys and home folders") as show:
-        shared = pack_run_as_zip(
-            folder,
-            path,
-            make_scrubber(folder, _list_api_key_variables(record.config.as_json())),
-            partial(_write_recording_and_report, show=show),
-        )
+
+        def write_recording_and_report(copy: Path) -> list[Path]:
+            show("making the recording")
+            recording = make_recording(copy, copy / "trace.rrd")
+            add_hash(copy, recording)
+            files = [recording, write_report(copy, None, show)]
+            show("packing")
+            return files
+
+        scrubber = make_scrubber(folder, list(filter(None, key_variables)))
+        shared = pack_run_as_zip(folder, path, scrubber, write_recording_and_report)
         add_hash(folder, path)
     if as_json and path != STANDARD_OUTPUT:
         print_json({**asdict(shared), "path": str(shared.path)})
         return
-    tell = partial(print_escaped, error=path == STANDARD_OUTPUT)
-    tell(f"{shared.path}: {shared.files} files, {shared.size / 2**20:.1f} MiB")
+    lines = [f"{shared.path}: {shared.files} files, {shared.size / 2**20:.1f} MiB"]
     if shared.changed:
-        tell(f"paths, keys or picture comments were removed from: {', '.join(shared.changed)}")
+        lines.append(f"paths, keys or picture comments were removed from: {', '.join(shared.changed)}")
     if shared.left_out:
-        tell(f"left out: {', '.join(shared.left_out)}")
-
-
-def _write_recording_and_report(copy: Path, show: Callable[[str], None]) -> list[Path]:
-    show("making the recording")
-    recording = make_recording(copy, copy / "trace.rrd")
-    add_hash(copy, recording)
-    made = [recording, write_report(copy, None, show)]
-    show("packing")
-    return made
-
-
-def _list_api_key_variables(config: dict[str, Any]) -> list[str]:
-    """The environment variables from which the run's models take their keys."""
-    models = cast("dict[str, dict[str, Any]]", config.get("models") or {})
-    choices = [choice for model in models.values() for choice in (model, *(model.get("fallbacks") or ()))]
-    named = [str(choice.get("key_variable") or "") for choice in choices]
-    return [name for name in (*named, *(provider.key_variable for provider in PROVIDERS.values())) if name]
+        lines.append(f"left out: {', '.join(shared.left_out)}")
+    for line in lines:
+        print_escaped(line, error=path == STANDARD_OUTPUT)

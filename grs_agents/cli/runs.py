@@ -1,7 +1,6 @@
-"""``grs runs`` and ``grs compare``, and ``latest`` in the place of a run folder."""
+"""``grs runs`` and ``grs compare``, and ``latest`` as a run folder."""
 
 import difflib
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,19 +20,29 @@ _FILE_REMEDY: Final = "restore the file"
 
 
 def resolve_run_folder(folder: Path) -> Path:
-    """``folder``, or the run below ``runs/`` that was written last where it says ``latest`` and no folder is called so.
-    Raises InputError: there is none."""
+    """``folder``; for ``latest``, unless a folder has that name, the newest run below ``runs/``. Raises InputError:
+    no run."""
     if str(folder) != LATEST or folder.exists():
         return folder
-    found = _list_newest_run_folders(RUNS)
-    if not found:
+    folders = _list_newest_run_folders(RUNS)
+    if not folders:
         raise InputError(f"there is no run below {RUNS}", "make one with `grs run`, or name its folder")
-    return found[0]
+    return folders[0]
 
 
 def list_runs(root: Path, status: str | None, scene: str | None, as_json: bool) -> None:
-    """Print the runs below ``root``, those written last first; one that cannot be read is named on stderr."""
-    rows = [(folder, record) for folder, record in _read_records(root) if _matches_filters(record, status, scene)]
+    """Print the runs below ``root``, newest first; unreadable runs are reported on stderr."""
+    if not root.is_dir():
+        raise InputError(f"{root} is no folder", "name the folder that holds run folders, runs/ by default")
+    rows: list[tuple[Path, RunRecord]] = []
+    for folder in _list_newest_run_folders(root):
+        try:
+            record = read_record(folder)
+        except GrsError as error:
+            print_escaped(f"grs: {error}", error=True)
+            continue
+        if (status is None or record.status == status) and (scene is None or scene in record.source):
+            rows.append((folder, record))
     if as_json:
         print_json([{"folder": str(folder), **record.model_dump(mode="json")} for folder, record in rows])
         return
@@ -49,31 +58,20 @@ def list_runs(root: Path, status: str | None, scene: str | None, as_json: bool) 
 
 
 def _list_newest_run_folders(root: Path) -> list[Path]:
-    """The run folders below ``root``."""
+    """The run folders below ``root``, newest first."""
     files = [file for file in root.glob("*/run.json") if file.is_file()]
     return [file.parent for file in sorted(files, key=lambda file: file.stat().st_mtime_ns, reverse=True)]
 
 
-def _read_records(root: Path) -> Iterator[tuple[Path, RunRecord]]:
-    if not root.is_dir():
-        raise InputError(f"{root} is no folder", "name the folder that holds run folders, runs/ by default")
-    for folder in _list_newest_run_folders(root):
-        try:
-            yield folder, read_record(folder)
-        except GrsError as error:
-            print_escaped(f"grs: {error}", error=True)
-
-
-def _matches_filters(record: RunRecord, status: str | None, scene: str | None) -> bool:
-    return (status is None or record.status == status) and (scene is None or scene in record.source)
-
-
 def compare_runs(first: Path, second: Path, as_json: bool) -> None:
-    """Print what differs between two runs: outcome, settings, counts, seconds, task and programs."""
-    one, other = _flatten_run_record(first), _flatten_run_record(second)
-    differing = {key: (one.get(key), other.get(key)) for key in {**one, **other} if one.get(key) != other.get(key)}
+    """Print the differences of two runs: outcome, settings, counts, seconds, task and programs."""
+    a, b = _flatten_run_record(first), _flatten_run_record(second)
+    differing = {key: (a.get(key), b.get(key)) for key in {**a, **b} if a.get(key) != b.get(key)}
     for name in ("simulation.py", "test_simulation.py"):
-        changed = _count_changed_lines(first / name, second / name)
+        files = (first / name, second / name)
+        old, new = (read_text(file, _FILE_REMEDY).splitlines() if file.is_file() else [] for file in files)
+        diff = list(difflib.unified_diff(old, new, n=0))[2:]  # without the two headers
+        changed = sum(line[0] in "+-" for line in diff)
         if changed:
             differing[name] = (None, f"{changed} lines differ")
     if as_json:
@@ -88,16 +86,9 @@ def compare_runs(first: Path, second: Path, as_json: bool) -> None:
 
 
 def _flatten_run_record(folder: Path) -> dict[str, Any]:
-    """The record of a run by dotted key, with its task; without what differs between any two runs."""
+    """The record of a run by dotted key, with its task, without fields that differ between any two runs."""
     record = read_record(folder).model_dump(mode="json", exclude={"id", "question", "exit_status"})
     task = folder / "task.json"
     record["task"] = read_json(task, _FILE_REMEDY).get("task-description") if task.is_file() else None
     record["seconds"] = record["seconds"].get("total")
     return flatten_tree(record)
-
-
-def _count_changed_lines(first: Path, second: Path) -> int:
-    """How many lines were added or removed between two files; one that is not there is empty."""
-    old, new = (read_text(file, _FILE_REMEDY).splitlines() if file.is_file() else [] for file in (first, second))
-    changed = list(difflib.unified_diff(old, new, n=0))[2:]  # after its two headers
-    return sum(line[0] in "+-" for line in changed)

@@ -28,7 +28,7 @@ def show_run(folder: Path, as_json: bool) -> None:
 
 
 def show_step(folder: Path, number: int | None, as_json: bool) -> None:
-    """Print one step in full; without a ``number`` the last one that went wrong."""
+    """Print a step in full; without a ``number`` the last step with a problem."""
     from grs_agents.views.common.event_steps import group_events_into_steps
     from grs_agents.views.common.step_text import find_last_failed_step, find_step_by_number, iter_step_sections
     from grs_agents.views.terminal import step_to_dict
@@ -42,17 +42,16 @@ def show_step(folder: Path, number: int | None, as_json: bool) -> None:
     elif step is None:
         print_escaped("no step went wrong")
     else:
-        trouble = f": {step.problem_summary}" if step.problem_summary else ""
+        problem = f": {step.problem_summary}" if step.problem_summary else ""
         print_escaped(
-            f"step {step.number}: {step.node}, visit {step.visit}, {step.status} in {step.seconds:.1f} s{trouble}"
+            f"step {step.number}: {step.node}, visit {step.visit}, {step.status} in {step.seconds:.1f} s{problem}"
         )
         for section in iter_step_sections(step):
             print_escaped(f"\n=== {section.heading}\n{section.text}".rstrip())
 
 
 def make_recording(folder: Path, file: Path) -> Path:
-    """Write the recording of a run into ``file``, made of its events as far as it has come.
-    Raises InputError: there is no event."""
+    """Record a run from its events, as far as it has come, into ``file``. Raises InputError: no events."""
     from grs_agents.views.common.foreign_decoding import decode_in_worker
     from grs_agents.views.rerun.rerun_view import record_run
 
@@ -76,8 +75,8 @@ def play_in_window(folder: Path, seed: int | None) -> int:
 
 
 def open_run_viewer(folder: Path, beside: Path | None, web: bool, as_json: bool) -> int:
-    """Open the viewer on a recording of a run, or of two side by side. It is made of the events: the ``trace.rrd`` in
-    the folder may lack the last of them, or be somebody else's."""
+    """Open the viewer on a run, or on two runs side by side. Recordings are made from the events: the folder's
+    ``trace.rrd`` may be incomplete or forged."""
     from grs_agents.views.terminal import show_activity_status
 
     read_record(folder)
@@ -97,7 +96,7 @@ def open_run_viewer(folder: Path, beside: Path | None, web: bool, as_json: bool)
 
 
 def _open_viewer_and_wait(recording: Path, web: bool, as_json: bool) -> int:
-    """Wait for the viewer of ``recording`` to be closed."""
+    """Open the viewer on ``recording`` and wait until it is closed."""
     from grs_agents.views.rerun.viewer import WebAddress, open_viewer
 
     address = WebAddress.with_free_ports() if web else None

@@ -32,7 +32,7 @@ def __getattr__(name: str) -> Any:
 
 
 def _register_gym_environment() -> None:
-    """Tell gymnasium, if it is here, what ``GRS-v0`` is: it imports the package that an id names, then looks it up."""
+    """Register ``GRS-v0``, if gymnasium is installed: it imports the package of an id before it looks the id up."""
     try:
         from gymnasium.envs import registration
     except ImportError:

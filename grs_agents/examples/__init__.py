@@ -1,4 +1,4 @@
-"""Scripts of one screen that learn an accepted task: ``python -m grs_agents.examples.NAME RUN``.
+"""Short scripts that learn an accepted task: ``python -m grs_agents.examples.NAME RUN``.
 
-They are there to be read and copied; nothing else imports them. What they need beyond GRS stands at their top.
+They are to be read and copied; nothing else imports them. Imports at their top show the packages they need beyond GRS.
 """

@@ -26,7 +26,7 @@ FIRST_TRAINING_SEED = 1000
 
 
 def main() -> None:
-    """Collect demonstrations, learn from them, and let the policy act in episodes that it was not shown."""
+    """Collect demonstrations, learn from them, and evaluate the policy in unseen episodes."""
     parser = argparse.ArgumentParser(description="Behaviour cloning at the level of primitives.")
     parser.add_argument("run", type=Path, help="an accepted run")
     parser.add_argument("--demonstrations", type=int, default=60)
@@ -42,7 +42,7 @@ def main() -> None:
     start = time.process_time()
     task = PrimitiveTask(bases[0], folder.library)
     seeds = range(FIRST_TRAINING_SEED, FIRST_TRAINING_SEED + arguments.demonstrations)
-    shown = [one for seed in seeds if (one := demonstrate(task, draw(seed))) is not None]
+    shown = [episode for seed in seeds if (episode := demonstrate(task, draw(seed))) is not None]
     collected = time.process_time()
     policy = PrimitivePolicy(shown, seed=0)
     trained = time.process_time()
@@ -51,8 +51,8 @@ def main() -> None:
 
     rng = np.random.default_rng(0)
     unseen = [draw(seed) for seed in range(arguments.episodes)]
-    learned = sum(evaluate_policy(task, one, lambda now: decide(policy, now)) for one in unseen)
-    chance = sum(evaluate_policy(task, one, lambda now: random_decision(now, rng)) for one in unseen)
+    learned = sum(evaluate_policy(task, instance, lambda now: decide(policy, now)) for instance in unseen)
+    chance = sum(evaluate_policy(task, instance, lambda now: random_decision(now, rng)) for instance in unseen)
     print(f"solved of {len(unseen)}: {learned} by the policy, {chance} by random decisions")
 
 

@@ -29,10 +29,10 @@ BATCH = 64
 
 
 def train(name: str, data: Path, steps: int) -> tuple[ACTPolicy, Any, Any]:
-    """A small ACT that observes states alone, with what comes before and after it."""
+    """A small ACT trained on states alone, with its pre- and postprocessor."""
     meta = LeRobotDatasetMetadata(name, root=data)
     features = dataset_to_policy_features(meta.features)
-    outputs = {key: one for key, one in features.items() if one.type is FeatureType.ACTION}
+    outputs = {key: feature for key, feature in features.items() if feature.type is FeatureType.ACTION}
     inputs = {key: features[key] for key in ("observation.state", "observation.environment_state")}
     config = ACTConfig(
         input_features=inputs, output_features=outputs, device="cpu", chunk_size=50, n_action_steps=25, **SIZES
@@ -54,15 +54,15 @@ if __name__ == "__main__":
     parser.add_argument("--policy", type=Path, help="a checkpoint of `lerobot-train`, an ACT")
     parser.add_argument("--steps", type=int, default=2000, help="of training, without --policy")
     parser.add_argument("--episodes", type=int, default=20)
-    told = parser.parse_args()
-    if told.policy:
-        policy = ACTPolicy.from_pretrained(told.policy)
-        before, after = make_pre_post_processors(policy.config, pretrained_path=str(told.policy))
+    arguments = parser.parse_args()
+    if arguments.policy:
+        policy = ACTPolicy.from_pretrained(arguments.policy)
+        before, after = make_pre_post_processors(policy.config, pretrained_path=str(arguments.policy))
     else:
-        start, data = time.process_time(), told.run.with_name(f"{told.run.name}-demos")
-        policy, before, after = train(f"grs/{told.run.name}", data, told.steps)
-        print(f"trained {told.steps} steps in {time.process_time() - start:.0f} CPU s", flush=True)
-    ((_, environments),) = make_env(told.run, n_envs=2, variation=VARIATION).items()
+        start, data = time.process_time(), arguments.run.with_name(f"{arguments.run.name}-demos")
+        policy, before, after = train(f"grs/{arguments.run.name}", data, arguments.steps)
+        print(f"trained {arguments.steps} steps in {time.process_time() - start:.0f} CPU s", flush=True)
+    ((_, environments),) = make_env(arguments.run, n_envs=2, variation=VARIATION).items()
     same: Any = PolicyProcessorPipeline(steps=[])  # observations and actions are in LeRobot's keys and units already
-    judged = eval_policy(environments[0], policy, same, same, before, after, told.episodes, start_seed=10_000)
+    judged = eval_policy(environments[0], policy, same, same, before, after, arguments.episodes, start_seed=10_000)
     print(judged["aggregated"])

@@ -1,7 +1,7 @@
 """Cache of the test reports and audits of a run, by simulation and tests.
 
-A fixer may bring back a program that was there before. The judgements lie in a hidden folder of the run until it is
-concluded. A resumed run judges anew: the folder may come from somebody else.
+A fixer may bring back an earlier program. The judgements lie in a hidden folder of the run until it is concluded. A
+resumed run judges anew: the folder may come from somebody else.
 """
 
 import hashlib
@@ -17,7 +17,7 @@ from grs_agents.audit.types import AuditReport
 from grs_agents.base.errors import InputError
 from grs_agents.base.files import unwritable_error, write_json
 from grs_agents.base.foreign.files import read_json
-from grs_agents.base.trace.events import Note
+from grs_agents.base.trace.events import Note, to_plain_json
 from grs_agents.base.version import __version__
 from grs_agents.graph.services import Services
 from grs_agents.graph.state import RunState
@@ -42,14 +42,14 @@ def recall_test_report(state: RunState, services: Services) -> TestReport | None
 
 
 def keep_test_report(state: RunState, report: TestReport, services: Services) -> None:
-    """Keep a report for when the same pair comes again."""
+    """Keep a report of a pair of programs, in case a fixer brings them back."""
     _write_kept(_tests_folder(state, services), state, report)
 
 
 def recall_audit(state: RunState, services: Services) -> AuditReport | None:
-    """The audit of the same programs for the same task; None where there was none.
+    """The audit of the same programs for the same task; None if there is none.
 
-    The task instances of that audit stand in the run folder again, and their rollouts are logged.
+    Restores the task instances of that audit in the run folder, and logs their rollouts.
     """
     folder = _audit_folder(state, services)
     kept = _read_kept(folder / "report.json")
@@ -65,10 +65,10 @@ def recall_audit(state: RunState, services: Services) -> AuditReport | None:
 
 
 def keep_audit(state: RunState, report: AuditReport, services: Services) -> None:
-    """Keep an audit, with its task instances, for when the same pair comes again."""
+    """Keep an audit with its task instances, in case a fixer brings the programs back."""
     folder = _audit_folder(state, services)
     _replace_files(services.folder / "instances", folder)
-    _write_kept(folder, state, report)  # last: now it is whole
+    _write_kept(folder, state, report)  # last, as a mark that the folder is complete
 
 
 def forget_judgements(services: Services) -> None:
@@ -97,15 +97,14 @@ def _audit_folder(state: RunState, services: Services) -> Path:
 
 
 def _digest(state: RunState, services: Services, *names: str) -> str:
-    """Of all that decides what comes out: the version, the configuration, and fields of the state."""
-    settings = services.config.model_dump(mode="json")
-    judged = [__version__, settings, *(state.get(name) or None for name in names)]
+    """Hash of all that a judgement depends on: the version, the configuration, and fields of the state."""
+    judged = to_plain_json([__version__, services.config, *(state.get(name) or None for name in names)])
     return hashlib.sha256(json.dumps(judged, sort_keys=True).encode()).hexdigest()[:32]
 
 
 def _write_kept(folder: Path, state: RunState, report: TestReport | AuditReport) -> None:
     versions = {f"{name}_version": state.get(f"{name}_version", 0) for name in ("simulation", "tests")}
-    with suppress(ValueError):  # an episode's NaN or half a letter, which no file of JSON holds: it is judged again
+    with suppress(ValueError):  # NaN or a lone surrogate of an episode, which JSON cannot hold: it is judged again
         write_json(folder / "report.json", {**versions, "report": report.model_dump(mode="json")})
 
 
@@ -119,13 +118,13 @@ def _read_kept(file: Path) -> dict[str, Any]:
     return kept if "report" in kept else {}
 
 
-def _note_reuse(what: str, kept: dict[str, Any], services: Services) -> None:
+def _note_reuse(kind: str, kept: dict[str, Any], services: Services) -> None:
     versions = f"simulation version {kept.get('simulation_version')}, tests version {kept.get('tests_version')}"
-    services.log.append(Note(text=f"the same programs were judged before ({versions}): their {what} is used again"))
+    services.log.append(Note(text=f"the same programs were judged before ({versions}): their {kind} is used again"))
 
 
 def _replace_files(source: Path, target: Path) -> None:
-    """Let ``target`` have the files of task instances that ``source`` has, and no others."""
+    """Replace the files of task instances in ``target`` by those in ``source``."""
     for stale in target.glob(_INSTANCES):
         stale.unlink()
     target.mkdir(parents=True, exist_ok=True)

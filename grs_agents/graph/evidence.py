@@ -1,55 +1,76 @@
-"""What routers, fixers and policies read of a run: static findings, tests, the robot's episodes and the audit.
+"""The evidence that routers, fixers and policies get: a text, and a picture of the end of the robot's episode.
 
-The text is made of lines under headings ``== ...``. An episode that several tests or seeds share is shown once.
+The text has the static findings, tests, episodes of the oracle and the audit under headings ``== ...``. An episode that
+several tests or seeds share is shown once.
 """
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+import cv2
 
 from grs_agents.audit.types import AuditReport, StaticFinding
 from grs_agents.base import Vec3
+from grs_agents.base.files import write_bytes
+from grs_agents.base.foreign.pictures import read_picture
 from grs_agents.graph.policies.types import read_episode
+from grs_agents.graph.services import Services
 from grs_agents.graph.state import RunState
-from grs_agents.sandbox.protocol.report import OUTCOME_MEANINGS, TestCase, TestReport
+from grs_agents.graph.task_instances import instantiate_program_for_seeds
+from grs_agents.models.factory import is_offline
+from grs_agents.sandbox.protocol.report import OUTCOME_MEANINGS, TestReport
 from grs_agents.sandbox.protocol.tracebacks import SIMULATION_FILE, TESTS_FILE
-from grs_agents.sim.instance.episode import Episode, GoalOutcome, ObjectMotion
+from grs_agents.sim.instance.episode import Episode
+from grs_agents.sim.instance.robot_file import resolve_robot_path
+from grs_agents.sim.instance.task_instance import parse_instance_json
+from grs_agents.sim.rollouts import Rollout
 
 EPISODES, ROWS, CLAUSES = 3, 24, 6
-"""The most distinct episodes, tests or rows of one table, and shortfalls of one goal that are shown."""
-_LINE = 1000
+"""Bounds on the distinct episodes, the tests or rows of a table, and the shortfalls of a goal that are shown."""
+_LINE: Final = 1000
 """Longer lines are cut, characters."""
-_TILTED = 5
-"""Degrees from which on a tilt is told."""
+_TILTED: Final = 5
+"""Least tilt that is shown, degrees."""
+MARKED: Final = 3
+"""Bound on the objects that are outlined."""
+_COLOR: Final = (255, 0, 255)  # BGR
+_FONT: Final = 0.45
 _FRAME = re.compile(r'^\s*File "(?P<file>[^"]*)", line (?P<line>\d+), in (?P<function>.*)$')
-
-
-def evidence_from_state(state: RunState) -> str:
-    """The evidence of the latest tests and of the audit that followed them."""
-    report = TestReport.model_validate(state["report"]) if state.get("report") else None
-    audit = AuditReport.model_validate(state["audit"]) if state.get("audit") else None
-    findings = [StaticFinding.model_validate(finding) for finding in state.get("static", [])]
-    return render_evidence(report, audit, findings)
 
 
 def render_evidence(
     report: TestReport | None, audit: AuditReport | None = None, findings: Sequence[StaticFinding] = ()
 ) -> str:
-    """All that was found out about a pair of programs; each distinct episode once."""
-    sections = [
-        _static_findings_section(findings),
-        _tests_section(report),
-        *_episode_sections(report),
-        *_audit_sections(audit),
-    ]
+    """The evidence about a pair of programs as text."""
+    static = [f"{finding.program} line {finding.line}: {finding.kind}: {finding.message}" for finding in findings]
+    sections = [["== static checks", *static] if static else [], _tests_section(report)]
+    named: dict[Episode, list[str]] = {}  # the episodes of tests, those of failed tests first
+    for case in sorted(report.cases if report else (), key=lambda case: case.outcome == "passed"):
+        if (episode := read_episode(case.episode)) is not None:
+            hook = f"{case.episode_hook} of " if case.episode_hook not in ("", "test") else ""
+            named.setdefault(episode, []).append(f"{hook}{case.id}")
+    for episode, names in list(named.items())[:EPISODES]:
+        sections.append([f"== oracle episode ({', '.join(names)})", *_episode_lines(episode)])
+    if audit is not None:
+        held = [finding.check for finding in audit.findings if finding.passed]
+        head = f"{'accepted' if audit.accepted else 'failed'}: {len(held)} of {len(audit.findings)} checks hold"
+        failed = [f"- {finding.check}: FAILED: {finding.detail}" for finding in audit.findings if not finding.passed]
+        seeds = [
+            f"seed {rollout.seed}: {rollout.episode.outcome}, published {rollout.episode.reward:.2f}, "
+            f"strict {rollout.episode.strict:.2f}, steps {rollout.episode.steps}/{rollout.episode.max_steps}"
+            for rollout in audit.rollouts
+        ]
+        sections.append(["== audit", f"{head}: {', '.join(held)}" if held else head, *failed, *seeds])
+        if audit.rollouts:
+            shortest = min(audit.rollouts, key=lambda rollout: rollout.episode.strict)
+            sections.append([f"== oracle episode (audit seed {shortest.seed})", *_episode_lines(shortest.episode)])
     return "\n\n".join("\n".join(line[:_LINE] for line in lines) for lines in sections if lines) or "(nothing was run)"
 
 
-def _static_findings_section(findings: Sequence[StaticFinding]) -> list[str]:
-    lines = [f"{finding.program} line {finding.line}: {finding.kind}: {finding.message}" for finding in findings]
-    return ["== static checks", *lines] if lines else []
-
-
 def _tests_section(report: TestReport | None) -> list[str]:
+    """The outcome of each test, failed tests first; a traceback that several tests share is shown once."""
     if report is None:
         return []
     passed = sum(case.outcome == "passed" for case in report.cases)
@@ -58,65 +79,44 @@ def _tests_section(report: TestReport | None) -> list[str]:
     if not report.cases and report.raised_in:
         lines.append(f"raised in: {report.raised_in}")
     lines += _relevant_traceback(report.traceback)
-    shown: dict[str, str] = {}  # the first test that each traceback is of
+    first_with: dict[str, str] = {}  # test ids by the end of the traceback
     cases = sorted(report.cases, key=lambda case: case.outcome == "passed")
     for case in cases[:ROWS]:
-        lines += _test_lines(case, shown)
+        message = f": {case.message}" if case.message else ""
+        is_assertion = case.outcome == "failed" and case.raised_in == "tests"
+        if is_assertion:
+            frames = [match for match in map(_FRAME.match, case.traceback.splitlines()) if match]
+            line = next((f", line {frame['line']}" for frame in reversed(frames) if frame["file"] == TESTS_FILE), "")
+            message = message.removeprefix(": AssertionError")
+            lines.append(f"{case.id}: failed: assertion failed in {case.id}{line}{message}")
+        else:
+            place = f" (raised in {case.raised_in})" if case.raised_in else ""
+            lines.append(f"{case.id}: {case.outcome}{place}{message}")
+        if case.outcome == "passed":
+            continue
+        if case.traceback and not is_assertion:
+            first = first_with.setdefault(case.traceback.partition("\n")[2][-300:], case.id)
+            lines += _relevant_traceback(case.traceback) if first == case.id else [f"  as in {first}"]
+        if case.output.strip():
+            lines.append("  printed: " + " | ".join(case.output.strip().splitlines()[-5:])[-300:])
     if len(cases) > ROWS:
         lines.append(f"and {len(cases) - ROWS} more tests")
     outcomes = dict.fromkeys([report.outcome, *(case.outcome for case in report.cases)])
     return [*lines, *(f"({name}: {OUTCOME_MEANINGS[name]})" for name in outcomes if name in OUTCOME_MEANINGS)]
 
 
-def _test_lines(case: TestCase, shown: dict[str, str]) -> Iterator[str]:
-    """One test; a traceback that an earlier test of ``shown`` has is not repeated."""
-    yield _outcome_line(case)
-    if case.outcome == "passed":
-        return
-    if case.traceback and not _is_failed_assertion(case):
-        first = shown.setdefault(case.traceback.partition("\n")[2][-300:], case.id)
-        yield from _relevant_traceback(case.traceback) if first == case.id else [f"  as in {first}"]
-    if case.output.strip():
-        yield "  printed: " + " | ".join(case.output.strip().splitlines()[-5:])[-300:]
-
-
-def _is_failed_assertion(case: TestCase) -> bool:
-    """A failed assertion is no error that was raised in the tests: it is worded differently."""
-    return case.outcome == "failed" and case.raised_in == "tests"
-
-
-def _outcome_line(case: TestCase) -> str:
-    message = f": {case.message}" if case.message else ""
-    if not _is_failed_assertion(case):
-        return f"{case.id}: {case.outcome}" + (f" (raised in {case.raised_in})" if case.raised_in else "") + message
-    frames = [match for match in map(_FRAME.match, case.traceback.splitlines()) if match]
-    line = next((f", line {frame['line']}" for frame in reversed(frames) if frame["file"] == TESTS_FILE), "")
-    return f"{case.id}: failed: assertion failed in {case.id}{line}{message.removeprefix(': AssertionError')}"
-
-
 def _relevant_traceback(traceback: str) -> list[str]:
-    """The last lines of a traceback: of its frames those in the two programs, and what was raised."""
+    """The last lines of a traceback: its frames in the two programs, and the exception."""
     kept: list[str] = []
-    ours = True
+    relevant = True
     for line in traceback.splitlines():
         if frame := _FRAME.match(line):
-            ours = frame["file"] in (SIMULATION_FILE, TESTS_FILE)
+            relevant = frame["file"] in (SIMULATION_FILE, TESTS_FILE)
         elif not line.startswith("  "):
-            ours = True
-        if ours and line.strip(" ^~") and not line.startswith("Traceback "):
+            relevant = True
+        if relevant and line.strip(" ^~") and not line.startswith("Traceback "):
             kept.append(f"  {line}")
     return kept[-12:]
-
-
-def _episode_sections(report: TestReport | None) -> Iterator[list[str]]:
-    """The distinct episodes of the tests, those of failed tests first."""
-    named: dict[Episode, list[str]] = {}
-    for case in sorted(report.cases if report else (), key=lambda case: case.outcome == "passed"):
-        if (episode := read_episode(case.episode)) is not None:
-            hook = f"{case.episode_hook} of " if case.episode_hook not in ("", "test") else ""
-            named.setdefault(episode, []).append(f"{hook}{case.id}")
-    for episode, names in list(named.items())[:EPISODES]:
-        yield [f"== oracle episode ({', '.join(names)})", *_episode_lines(episode)]
 
 
 def _episode_lines(episode: Episode) -> Iterator[str]:
@@ -126,54 +126,107 @@ def _episode_lines(episode: Episode) -> Iterator[str]:
     yield f"detail: {episode.detail}"
     if episode.objects:
         yield f"concerns: {', '.join(episode.objects)}"
+    goals: list[str] = []
+    for goal in episode.goals:
+        row = f"worth {goal.worth:.2f}, published {goal.published:.2f}, strict {goal.strict:.2f}: {goal.goal}"
+        goals.append(f"{row}; misses: {'; '.join(goal.shortfalls[:CLAUSES])}" if goal.shortfalls else row)
     actions = [
         f"{number}. {action.asset} #{action.object} {_point(action.pick)} -> {_point(action.place)}: {action.note}"
         for number, action in enumerate(episode.actions, 1)
     ]
-    yield from _list_rows_up_to_limit("goals", [_format_goal_outcome(goal) for goal in episode.goals])
-    yield from _list_rows_up_to_limit("actions", actions)
-    yield from _list_rows_up_to_limit(
-        "objects", [_format_object_motion(motion) for motion in sorted(episode.motions, key=lambda m: not m.moved)]
-    )
-    yield from _list_rows_up_to_limit("warnings", episode.warnings)
-
-
-def _list_rows_up_to_limit(title: str, rows: Sequence[str]) -> Iterator[str]:
-    if rows:
-        yield f"{title}:"
-        yield from (f"  {row}" for row in rows[:ROWS])
-    if len(rows) > ROWS:
-        yield f"  and {len(rows) - ROWS} more"
-
-
-def _format_goal_outcome(goal: GoalOutcome) -> str:
-    row = f"worth {goal.worth:.2f}, published {goal.published:.2f}, strict {goal.strict:.2f}: {goal.goal}"
-    return f"{row}; misses: {'; '.join(goal.shortfalls[:CLAUSES])}" if goal.shortfalls else row
-
-
-def _format_object_motion(motion: ObjectMotion) -> str:
-    end = f" -> {_point(motion.end)}" if motion.moved else ", not moved"
-    tilt = f", tilted {motion.tilt:.0f} degrees" if motion.tilt >= _TILTED else ""
-    return f"{motion.asset} #{motion.object} {_point(motion.start)}{end}{tilt}"
+    objects: list[str] = []
+    for motion in sorted(episode.motions, key=lambda motion: not motion.moved):
+        end = f" -> {_point(motion.end)}" if motion.moved else ", not moved"
+        tilt = f", tilted {motion.tilt:.0f} degrees" if motion.tilt >= _TILTED else ""
+        objects.append(f"{motion.asset} #{motion.object} {_point(motion.start)}{end}{tilt}")
+    tables: dict[str, Sequence[str]] = {
+        "goals": goals,
+        "actions": actions,
+        "objects": objects,
+        "warnings": episode.warnings,
+    }
+    for title, rows in tables.items():
+        if rows:
+            yield f"{title}:"
+            yield from (f"  {row}" for row in rows[:ROWS])
+        if len(rows) > ROWS:
+            yield f"  and {len(rows) - ROWS} more"
 
 
 def _point(position: Vec3) -> str:
     return f"({', '.join(f'{value:.3f}' for value in position)})"
 
 
-def _audit_sections(audit: AuditReport | None) -> Iterator[list[str]]:
-    """The findings, one line for each seed, and the episode of the seed that fell shortest."""
-    if audit is None:
-        return
-    held = [finding.check for finding in audit.findings if finding.passed]
-    head = f"{'accepted' if audit.accepted else 'failed'}: {len(held)} of {len(audit.findings)} checks hold"
-    failed = [f"- {finding.check}: FAILED: {finding.detail}" for finding in audit.findings if not finding.passed]
-    seeds = [
-        f"seed {rollout.seed}: {rollout.episode.outcome}, published {rollout.episode.reward:.2f}, "
-        f"strict {rollout.episode.strict:.2f}, steps {rollout.episode.steps}/{rollout.episode.max_steps}"
-        for rollout in audit.rollouts
-    ]
-    yield ["== audit", f"{head}: {', '.join(held)}" if held else head, *failed, *seeds]
-    if audit.rollouts:
-        shortest = min(audit.rollouts, key=lambda rollout: rollout.episode.strict)
-        yield [f"== oracle episode (audit seed {shortest.seed})", *_episode_lines(shortest.episode)]
+# --- the picture
+
+
+def draw_end_of_episode(state: RunState, services: Services, role: str) -> list[str]:
+    """Draw the end of the robot's episode with the objects at fault outlined.
+
+    The episode is that of the audit's seed with the lowest strict score; before an audit, a new rollout of the first
+    seed.
+
+    Returns:
+        The path in the run folder; nothing where the model of ``role`` sees no pictures, or none can be drawn.
+    """
+    config = services.config
+    if (
+        not (config.end_picture and state.get("image"))
+        or role == "fix_tests"
+        or is_offline(config.model_for_role(role).model)
+    ):
+        return []
+    path = f"history/end_{state.get('fixes', 0):03d}.png"
+    output = services.folder / path
+    if output.is_file():
+        return [path]
+    audit = state.get("audit")
+    if audit and audit.rollouts:
+        rollout = min(audit.rollouts, key=lambda rollout: rollout.episode.strict)
+        file = services.folder / f"instances/seed_{rollout.seed}.json"
+        instance = resolve_robot_path(parse_instance_json(file.read_text(encoding="utf-8")), services.folder)
+    else:
+        drawn, _ = instantiate_program_for_seeds(state["simulation"], [config.seed], services, state["scene"])
+        if not drawn:
+            return []
+        instance = drawn[0]
+        played = services.run_tool(
+            "rollout", instance=instance.model_dump(mode="json"), **services.library_root_fields
+        ).rollout
+        if played is None:
+            return []
+        rollout = Rollout.model_validate(played)
+    marked = find_ids_of_failed_objects(rollout.episode)
+    picture = services.render_instance(instance, output, poses=rollout.final, marked=marked)
+    if picture.image is None:
+        return []
+    write_names_beside_boxes(output, picture.boxes, {item.id: item.asset for item in instance.objects})
+    return [path]
+
+
+def find_ids_of_failed_objects(episode: Episode) -> list[int]:
+    """Ids of the objects that miss the goal with the lowest score; else of those that the episode's end concerns."""
+    for goal in sorted(episode.goals, key=lambda goal: goal.strict):
+        missed = [
+            motion.object
+            for motion in episode.motions
+            if any(clause.startswith(f"{motion.asset} #{motion.object} ") for clause in goal.shortfalls)
+        ]
+        if missed:
+            return missed[:MARKED]
+    return [motion.object for motion in episode.motions if motion.asset in episode.objects][:MARKED]
+
+
+def write_names_beside_boxes(
+    file: Path, boxes: Mapping[int, tuple[int, int, int, int]], names: Mapping[int, str]
+) -> None:
+    """Write names into a picture file, above or below boxes (left, top, right, bottom) in pixels."""
+    picture = read_picture(file, cv2.IMREAD_COLOR)
+    for number, (left, top, _, bottom) in boxes.items():
+        text = f"{names[number]} #{number}"
+        (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, _FONT, 1)
+        x = max(0, min(left, picture.shape[1] - width - 4))
+        y = top - 6 if top > height + 8 else bottom + height + 6
+        cv2.rectangle(picture, (x, y - height - 3), (x + width + 4, y + 4), (255, 255, 255), -1)
+        cv2.putText(picture, text, (x + 2, y), cv2.FONT_HERSHEY_SIMPLEX, _FONT, _COLOR, 1, cv2.LINE_AA)
+    write_bytes(file, cv2.imencode(".png", picture)[1].tobytes())

@@ -1,7 +1,5 @@
 """The fixing nodes: mend the program, the tests or the task, or write a program anew where mending was in vain."""
 
-from typing import Any
-
 from grs_agents.agents import roles
 from grs_agents.agents.roles import JudgedPrograms
 from grs_agents.agents.types import NoReply
@@ -10,32 +8,23 @@ from grs_agents.graph.authoring import (
     find_equal_version,
     images_from_state,
     save_program_version,
-    scene_from_state,
-    task_from_state,
     write_simulation,
     write_task_file,
     write_tests,
 )
-from grs_agents.graph.end_picture import draw_end_of_episode
-from grs_agents.graph.evidence import evidence_from_state
-from grs_agents.graph.fix_history import (
-    ProgramName,
-    Strategy,
-    describe_fix_history,
-    list_untried_fix_strategies,
-    record_fix,
-)
+from grs_agents.graph.evidence import draw_end_of_episode, render_evidence
+from grs_agents.graph.fix_history import describe_fix_history, list_untried_fix_strategies, record_fix
 from grs_agents.graph.scene_prompt import fixture_assets_for_prompt, scene_for_prompt
 from grs_agents.graph.services import Services, Update, logged_node
-from grs_agents.graph.state import RunState
-from grs_agents.sim.cliport.api_documentation import api_reference
+from grs_agents.graph.state import ProgramName, Revision, RunState, Strategy
+from grs_agents.sim import api_reference
 
 
 def collect_evidence_for_fixer(state: RunState, services: Services, role: str) -> JudgedPrograms:
-    """What the model of a router or fixer is shown."""
-    task = task_from_state(state)
-    scene = scene_for_prompt(scene_from_state(state), services.library)
-    if role not in ("fix_task", "fix_code"):  # who places things must know what else stands there
+    """Collect the programs and the evidence that the model of a router or fixer is shown."""
+    task, decision = state["task"], state.get("decision")
+    scene = scene_for_prompt(state["scene"], services.library)
+    if role not in ("fix_task", "fix_code"):  # these two place objects among all others
         scene["objects"] = [item for item in scene["objects"] if item["asset"] in task.assets]
     photo = [] if role == "route" else images_from_state(state)
     return JudgedPrograms(
@@ -43,10 +32,10 @@ def collect_evidence_for_fixer(state: RunState, services: Services, role: str) -
         scene=roles.to_json_text(scene),
         code=state["simulation"],
         tests=state["tests"],
-        results=evidence_from_state(state),
+        results=render_evidence(state.get("report"), state.get("audit"), state.get("static", [])),
         history=describe_fix_history(state),
         images=(*photo, *draw_end_of_episode(state, services, role)),
-        explanation=str(state.get("decision", {}).get("explanation", "judge for yourself")),
+        explanation=decision.explanation if decision else "judge for yourself",
     )
 
 
@@ -92,16 +81,16 @@ def _record_fix_and_save_program(
 
 @logged_node("fix_task")
 def fix_task(state: RunState, services: Services) -> Update:
-    """Revise a task that cannot be done as it is defined, once in a run; what was given up is recorded and judged."""
+    """Revise a task that cannot be done as it is defined, once in a run; the audit judges what was given up."""
     judged = collect_evidence_for_fixer(state, services, "fix_task")
-    objects = [{"name": item.name, "asset": item.asset} for item in scene_from_state(state).objects]
+    objects = [{"name": item.name, "asset": item.asset} for item in state["scene"].objects]
     revision = roles.fix_task(services.agents, judged, objects, fixture_assets_for_prompt(services.library))
     if isinstance(revision, NoReply):
         services.log.append(Note(level="warning", text=str(revision)))
         return record_fix(state, "task", "fix", {"revisable": False}, str(revision))
-    task = revision.as_definition().as_json()
+    task = revision.as_definition()
     if task == state["task"]:
         return record_fix(state, "task", "fix", {"revisable": False})
-    revised: dict[str, Any] = {"from": state["task"], "given-up": revision.given_up}
+    revised = Revision.model_validate({"from": state["task"], "given-up": revision.given_up})
     write_task_file(task, revised, services)
     return record_fix(state, "task", "fix", {"task": task, "revised": revised, "revisable": False})

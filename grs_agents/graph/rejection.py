@@ -1,7 +1,7 @@
-"""The reason of a rejected run: what happened on the table, or else in the programs, in the words of the scene."""
+"""The reason of a rejected run: the events on the table, else in the programs, in the words of the scene."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from grs_agents.audit.types import AuditReport
@@ -9,19 +9,18 @@ from grs_agents.graph.policies.types import read_episode
 from grs_agents.perception.types import SceneDescription
 from grs_agents.sandbox.protocol.report import TestCase, TestReport
 from grs_agents.sandbox.protocol.tracebacks import SIMULATION_FILE, TESTS_FILE
-from grs_agents.sim.instance.episode import Episode
 from grs_agents.sim.rollouts import Rollout
 
 _LONGEST = 400
-"""Characters of a reason: it is a headline, and audit.json and the report of the tests hold the rest."""
+"""Characters of a reason, which is a headline: audit.json and the report of the tests hold the rest."""
 _MOST_READ = 4_000
-"""Characters of a reason in which names are looked for."""
+"""Characters of a reason that are searched for asset names."""
 _ASSET = re.compile(r"(?<![\w.-])(?<![\w.-]/)(?P<asset>[\w.-]+(?:/[\w.-]+)*\.(?:urdf|xml|obj))(?P<id> #\d+)?")
-"""A path from its start alone, so that the time is linear in the text."""
+"""Matches a path only at its start, so that the time is linear in the text."""
 _ERROR_CLASS = re.compile(r"\bgrs_agents(?:\.\w+)+: ")
 _FRAME = re.compile(r'File "(?P<file>[^"]*)", line (?P<line>\d+)[^\n]*\n +(?P<code>[^\n]+)')
 _BARE = re.compile(r"(?:np\.)?(?:False_?|True_?) is not (?:true|false)$")
-"""What unittest says of a condition, whatever the condition is."""
+"""The message of unittest for any false condition."""
 
 
 def explain_rejection(
@@ -30,21 +29,22 @@ def explain_rejection(
     rollouts: Sequence[Rollout] = (),
     scene: SceneDescription | None = None,
 ) -> str:
-    """Why the programs are not accepted, in one line.
+    """The reason why the programs are not accepted, in a line.
 
-    The trusted oracle's episodes come first, then those that the tests saw, then what tests or checks say themselves.
+    The trusted oracle's episodes come first, then those of the tests, then the messages of tests or checks.
 
     Args:
         report: of the tests; None where there are none.
         audit: None where the tests did not pass.
         rollouts: of the trusted oracle; by default those of the audit.
-        scene: names the objects; without one they are called by their assets.
+        scene: names the objects; None: they are called by their assets.
     """
     failed = [case for case in report.cases if case.outcome not in ("passed", "not_run")] if report else []
     played = [rollout.episode for rollout in rollouts or (audit.rollouts if audit is not None else ())]
-    causes = [*(episode.cause for episode in played)]
-    if not played:
-        causes += [episode.cause for episode in _rank_episodes(failed)]
+    causes = [episode.cause for episode in played]
+    if not played:  # the episodes of failed tests; last those that the test itself ended
+        seen = [episode for case in failed if (episode := read_episode(case.episode)) is not None]
+        causes += [episode.cause for episode in sorted(seen, key=lambda episode: episode.outcome == "stopped")]
     reason = next(filter(None, causes), "")
     if not reason and failed:
         episode = read_episode(failed[0].episode)
@@ -54,53 +54,40 @@ def explain_rejection(
     if not reason and report is not None and not report.all_passed:
         reason = report.message + _quote_line(report.traceback) if report.message else f"tests: {report.outcome}"
     if not reason and audit is not None:
-        reason = next(_failed_checks(audit), "")
-    named = _ASSET.sub(
-        lambda match: _name_asset(match, scene), _ERROR_CLASS.sub("", " ".join(reason.split())[:_MOST_READ])
-    )
+        finding = next((finding for finding in audit.findings if not finding.passed), None)
+        if finding is not None:
+            failures = finding.measured.partition("; ")[2] if finding.check == "instantiated" else ""
+            reason = failures.partition("; seed ")[0] or f"{finding.check}: {finding.detail}"
+    asset_by_name = {item.name: item.asset for item in scene.objects} if scene is not None else {}
+
+    def name_asset(match: re.Match[str]) -> str:
+        """The name in the scene if it is unique; else the words of the asset's name with the id."""
+        names = [name for name, asset in asset_by_name.items() if asset == match["asset"]]
+        if len(names) == 1:
+            kind = names[0].removesuffix("_1")
+            return f"the {(names[0] if f'{kind}_2' in asset_by_name else kind).replace('_', ' ')}"
+        words = re.sub(r"(?<=[a-z])(?=[A-Z])|_", " ", Path(match["asset"]).stem).lower()
+        return f"the {words}{match['id'] or ''}"
+
+    named = _ASSET.sub(name_asset, _ERROR_CLASS.sub("", " ".join(reason.split())[:_MOST_READ]))
     return named if len(named) <= _LONGEST else f"{named[:_LONGEST]}..."
 
 
-def _rank_episodes(cases: Sequence[TestCase]) -> list[Episode]:
-    """The episodes of failed tests; those first that ended by something other than the test."""
-    episodes = list(filter(None, (read_episode(case.episode) for case in cases)))
-    return sorted(episodes, key=lambda episode: episode.outcome == "stopped")
-
-
 def _describe_failed_test(case: TestCase) -> str:
-    """Its own message; where that says no more than that a condition is false, the line that asks."""
+    """The message of the test; of a bare false condition the line of the assertion."""
     if not case.message.startswith("AssertionError"):
         return (case.message or case.outcome) + _quote_line(case.traceback)
-    said = case.message.removeprefix("AssertionError").lstrip(": ")
-    standard, _, message = said.partition(" : ")
+    words = case.message.removeprefix("AssertionError").lstrip(": ")
+    standard, _, message = words.partition(" : ")
     if message:
         return message
     return ("it fails" if _BARE.match(standard) or not standard else standard) + _quote_line(case.traceback)
 
 
 def _quote_line(traceback: str) -> str:
-    """The last line of either program in a traceback, to put behind a message; empty without one."""
+    """The last line of either program in a traceback, as a suffix of a message; empty if there is none."""
     frames = [frame for frame in _FRAME.finditer(traceback) if frame["file"] in (SIMULATION_FILE, TESTS_FILE)]
     if not frames:
         return ""
     program = "program" if frames[-1]["file"] == SIMULATION_FILE else "tests"
     return f" at line {frames[-1]['line']} of the {program}: {frames[-1]['code']}"
-
-
-def _failed_checks(audit: AuditReport) -> Iterator[str]:
-    for finding in audit.findings:
-        if finding.passed:
-            continue
-        failures = finding.measured.partition("; ")[2] if finding.check == "instantiated" else ""
-        yield failures.partition("; seed ")[0] or f"{finding.check}: {finding.detail}"
-
-
-def _name_asset(match: re.Match[str], scene: SceneDescription | None) -> str:
-    """An asset and its id as what the scene calls it; the id stays where the scene does not tell which is meant."""
-    names = {item.name: item.asset for item in scene.objects} if scene is not None else {}
-    called = [name for name, asset in names.items() if asset == match["asset"]]
-    if len(called) == 1:
-        kind = called[0].removesuffix("_1")
-        return f"the {(called[0] if f'{kind}_2' in names else kind).replace('_', ' ')}"
-    words = re.sub(r"(?<=[a-z])(?=[A-Z])|_", " ", Path(match["asset"]).stem).lower()
-    return f"the {words}{match['id'] or ''}"

@@ -1,11 +1,11 @@
-"""What the nodes work with; it is given to a graph as its context and never checkpointed."""
+"""The services of a run, which its nodes share: the context of the graph, which is never checkpointed."""
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cached_property, partial, wraps
+from functools import cached_property, wraps
 from pathlib import Path
 from stat import S_ISDIR
 from typing import TYPE_CHECKING, Any, Protocol
@@ -19,13 +19,14 @@ from grs_agents.base.questions import parse_question
 from grs_agents.base.trace.events import NodeEnded, NodeStarted, Note, summarise_value
 from grs_agents.base.trace.log import EventLog
 from grs_agents.graph.policies.types import Policy
-from grs_agents.graph.state import RunState
+from grs_agents.graph.state import RunState, parse_state
 from grs_agents.library.library import Library
 from grs_agents.perception.picture_files import load_frame
 from grs_agents.perception.types import Camera, RGBDFrame, TableFrame
 from grs_agents.sandbox.host.sandbox import Sandbox
 from grs_agents.sim.arms.arm_files import ROBOT_FOLDER, copy_arm_files
 from grs_agents.sim.arms.registry import ROBOTS, get_arm
+from grs_agents.sim.instance.task_instance import TaskInstance
 from grs_agents.toolkit import ToolContext, load_tool
 
 if TYPE_CHECKING:  # LangGraph takes long to import, and a check of programs runs no graph
@@ -36,20 +37,20 @@ Photo = tuple[RGBDFrame, TableFrame]
 """An RGB-D frame and the table in it."""
 Body = Callable[[RunState, "Services"], Update]
 Stamp = tuple[str, int, int, int]
-"""A file's path, inode, time of change in ns and size: another one once it is written again."""
+"""Path, inode, time of change (ns) and size of a file; differs once the file is written again."""
 
 
 class Node(Protocol):
-    """What LangGraph calls."""
+    """A node as LangGraph calls it."""
 
     def __call__(self, state: RunState, *, runtime: "Runtime[Services]") -> Update:
-        """The state in, its changes out."""
+        """Returns: the changes of the state."""
         ...
 
 
 @dataclass(frozen=True)
 class Services:
-    """The services of one run."""
+    """The services of a run."""
 
     config: Config
     log: EventLog
@@ -57,7 +58,7 @@ class Services:
     policy: Policy
     sandbox: Sandbox  # where generated code runs
     folder: Path
-    visits: Counter[str] = field(default_factory=Counter[str])  # how often each node was entered
+    visits: Counter[str] = field(default_factory=Counter[str])  # of each node
     assets: Path | None = None  # the folder of the run's own assets; `assets` in `folder` by default
     _overlaid: dict[frozenset[Stamp], Library] = field(
         default_factory=dict[frozenset[Stamp], Library], init=False, repr=False, compare=False
@@ -66,18 +67,24 @@ class Services:
 
     @property
     def library(self) -> Library:
-        """The shipped assets with the run's own proxies laid over; read anew only when a proxy has changed."""
+        """The shipped assets overlaid with the proxies of the run; read again only when a proxy has changed."""
         proxies = self.assets or self.folder / "assets"
         if not proxies.is_dir():
-            return self._load_shipped_library
-        stamps = frozenset(_iterate_file_stamps(proxies))
-        if stamps not in self._overlaid:
+            return self._shipped_library
+        stamps: set[Stamp] = set()
+        for path in proxies.rglob("*"):
+            with suppress(FileNotFoundError):  # the temporary file of a proxy that is written just now
+                status = path.stat()
+                if not S_ISDIR(status.st_mode):
+                    stamps.add((str(path), status.st_ino, status.st_mtime_ns, status.st_size))
+        key = frozenset(stamps)
+        if key not in self._overlaid:
             self._overlaid.clear()
-            self._overlaid[stamps] = self._load_shipped_library.copy_with_overlay_root(proxies)
-        return self._overlaid[stamps]
+            self._overlaid[key] = self._shipped_library.copy_with_overlay_root(proxies)
+        return self._overlaid[key]
 
     def cache_photo(self, frame: RGBDFrame) -> None:
-        """Keep what the node ``read`` has written, so that `load_photo` need not decode it."""
+        """Keep the photo that the node ``read`` has written, so that `load_photo` need not decode it."""
         self._photos[:] = [frame]
 
     def load_photo(self, state: RunState) -> RGBDFrame:
@@ -87,12 +94,12 @@ class Services:
         return self._photos[0]
 
     @cached_property
-    def _load_shipped_library(self) -> Library:
+    def _shipped_library(self) -> Library:
         return Library()
 
     @cached_property
     def robot_name_or_path(self) -> str:
-        """The arm's name, or the absolute path of its file: of the copy in the run folder, where one can be made."""
+        """Name of the arm, or absolute path of its file: of the copy in the run folder if it can be copied."""
         robot = self.config.robot
         if robot in ROBOTS:
             return robot
@@ -101,7 +108,7 @@ class Services:
 
     @property
     def library_root_fields(self) -> dict[str, Any]:
-        """What every tool that simulates is told: where the assets are."""
+        """The field of a simulating tool's request that names the folders of the assets."""
         return {"library_roots": [str(root) for root in self.library.roots]}
 
     def __post_init__(self) -> None:
@@ -113,11 +120,23 @@ class Services:
                 get_arm(str(Path(self.config.robot).resolve()))  # which names the user's own file
                 raise
 
+    def render_instance(self, instance: TaskInstance, output: Path, **view: Any) -> Any:
+        """Draw a task instance into the picture ``output``.
+
+        Args:
+            view: further fields of the request of the tool ``render``.
+
+        Returns:
+            the tool's result, whose ``image`` is None where nothing could be drawn.
+        """
+        request = {"instance": instance.model_dump(mode="json"), "output": str(output.resolve())}
+        return self.run_tool("render", **request, **view, **self.library_root_fields)
+
     def run_tool(self, name: str, **request: Any) -> Any:
-        """Run the tool called ``name`` with a request made of ``request``."""
+        """Run the tool ``name`` with the fields of its request."""
         tool = load_tool(name)
         try:
-            asked = tool.Request(**request)
+            tool_request = tool.Request(**request)
         except (ValidationError, TypeError) as error:
             first = str(error).splitlines()[0]
             remedy = f"name a tool whose Request has {', '.join(request)}"
@@ -128,61 +147,49 @@ class Services:
             limits=self.config.limits,
             say=lambda text: self.log.append(Note(level="info", text=text)),
         )
-        return tool.run(asked, context)
-
-
-def _iterate_file_stamps(folder: Path) -> Iterator[Stamp]:
-    """Of every file below ``folder``."""
-    for path in folder.rglob("*"):
-        with suppress(FileNotFoundError):  # the temporary file of one that is written just now
-            status = path.stat()
-            if not S_ISDIR(status.st_mode):
-                yield str(path), status.st_ino, status.st_mtime_ns, status.st_size
+        return tool.run(tool_request, context)
 
 
 def logged_node(name: str) -> Callable[[Body], Node]:
     """Wrap the body of the node ``name``: its start, end, seconds and errors become events."""
-    return partial(_wrap_node_with_events, name)
 
+    def wrap(body: Body) -> Node:
+        @wraps(body)
+        def run(state: RunState, *, runtime: "Runtime[Services]") -> Update:
+            from langgraph.errors import GraphInterrupt
 
-def _run_node_body_and_log(name: str, body: Body, state: RunState, services: Services) -> Update:
-    from langgraph.errors import GraphInterrupt
+            services = runtime.context
+            services.visits[name] += 1
+            services.log.attempt = state.get("fixes", 0)
+            with services.log.step(NodeStarted(node=name, visit=services.visits[name])):
+                begin = time.perf_counter()
+                update: Update = {}
+                error = ""
+                try:
+                    update = body(parse_state(state), services)
+                except GraphInterrupt as interrupt:  # the node begins anew with the reply
+                    services.log.append(
+                        Note(level="info", text=f"asks: {parse_question(interrupt.args[0][0].value).text}")
+                    )
+                    raise
+                except BaseException as problem:
+                    error = f"{type(problem).__name__}: {problem}"
+                    raise
+                finally:
+                    services.log.append(
+                        NodeEnded(
+                            node=name,
+                            seconds=time.perf_counter() - begin,
+                            changed=tuple(update),
+                            values={key: summarise_value(value) for key, value in update.items()},
+                            error=error,
+                        )
+                    )
+                return update
 
-    begin = time.perf_counter()
-    update: Update = {}
-    error = ""
-    try:
-        update = body(state, services)
-    except GraphInterrupt as asked:  # the node begins anew with the reply
-        services.log.append(Note(level="info", text=f"asks: {parse_question(asked.args[0][0].value).text}"))
-        raise
-    except BaseException as problem:
-        error = f"{type(problem).__name__}: {problem}"
-        raise
-    finally:
-        seconds = time.perf_counter() - begin
-        services.log.append(
-            NodeEnded(
-                node=name,
-                seconds=seconds,
-                changed=tuple(update),
-                values={key: summarise_value(value) for key, value in update.items()},
-                error=error,
-            )
-        )
-    return update
+        # LangGraph reads the annotations of a node, and ``wraps`` has put those of the body there.
+        run.__annotations__ = {"state": RunState, "runtime": Any, "return": Update}
+        del run.__wrapped__
+        return run
 
-
-def _wrap_node_with_events(name: str, body: Body) -> Node:
-    @wraps(body)
-    def run(state: RunState, *, runtime: "Runtime[Services]") -> Update:
-        services = runtime.context
-        services.visits[name] += 1
-        services.log.attempt = state.get("fixes", 0)
-        with services.log.step(NodeStarted(node=name, visit=services.visits[name])):
-            return _run_node_body_and_log(name, body, state, services)
-
-    # LangGraph reads the annotations of what it is given, and ``wraps`` has put the body's there.
-    run.__annotations__ = {"state": RunState, "runtime": Any, "return": Update}
-    del run.__wrapped__
-    return run
+    return wrap

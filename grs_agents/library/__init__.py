@@ -1,3 +1,3 @@
-"""The 3D asset library: what an object is, what its URDF says, and where its files lie."""
+"""The 3D asset library: objects, the contents of their URDFs, and the places of their files."""
 
 from grs_agents.library.library import Library as Library

@@ -1,11 +1,9 @@
-"""Pictures of an asset from given directions, drawn by a z-buffer with its textures: no GL, no randomness.
-The same asset gives the same picture on every machine, which a graphics driver would not promise: what assets are
-matched and described by is drawn so."""
+"""Software rendering of assets from given directions: a z-buffer with textures, no GL, no randomness. Matching and
+description use these pictures: they are the same on every machine, unlike those of a graphics driver."""
 
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
@@ -14,16 +12,17 @@ import numpy.typing as npt
 
 from grs_agents.base import Vec3
 from grs_agents.base.errors import InputError
+from grs_agents.base.foreign.files import cache_until_modified
 from grs_agents.base.geometry.raster import barycentric_coordinates, rasterise_triangles
 from grs_agents.library.colors import COLORS
 from grs_agents.library.library import Library
-from grs_agents.library.mesh_files import Surface, read_surface, triangulate_primitive
+from grs_agents.library.mesh_files import TriangleSoup, read_surface, triangulate_primitive
 from grs_agents.library.shapes import Shape, matrix_from_quaternion
 
 Floats = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
 _FINER: Final = 2
-"""Each pixel is the mean of so many rows and columns of samples."""
+"""Supersampling: rows and columns of samples in a pixel."""
 _AROUND: Final = 0.55
 """Share of the light that comes from everywhere; the rest comes from the camera."""
 _TEXTURE_EDGE: Final = 1024
@@ -35,33 +34,33 @@ RANDOM_VIEW_SIZE: Final = 384
 """Random views of each asset as in the paper, and their pixels each way."""
 _FIELD_OF_VIEW: Final = np.deg2rad(30.0)
 _RING_TILT: Final = float(np.deg2rad(25.0))
-"""How far above the table a ring of views looks from."""
+"""Elevation of a ring of views above the table, rad."""
 
 
 @dataclass(frozen=True)
 class AssetView:
-    """One picture of an asset."""
+    """Rendered view of an asset."""
 
-    rgba: Image  # (H, W, 4) uint8 red, green, blue and coverage; not premultiplied, 0 where nothing is
-    depth: npt.NDArray[np.float32]  # (H, W) float32 metres along the optical axis, 0 where nothing is
+    rgba: Image  # (H, W, 4) uint8 red, green, blue and coverage; not premultiplied, 0 in the background
+    depth: npt.NDArray[np.float32]  # (H, W) float32 metres along the optical axis, 0 in the background
     direction: Vec3  # from the object's centre to the camera, unit length, object frame
-    distance: float  # of the camera from the centre of the object's bounds, m
-    focal: float  # of the pinhole camera, px; the principal point is the centre, a pixel at depth z spans z / focal m
+    distance: float  # from the camera to the centre of the object's bounds, m
+    focal: float  # focal length, px; the principal point is the centre, a pixel at depth z spans z / focal m
 
 
 @dataclass(frozen=True)
 class PaintedTriangles:
-    """Coloured and textured triangles in one frame."""
+    """Coloured and textured triangles in a common frame."""
 
     corners: Floats  # (T, 3, 3) m
     uvs: Floats  # (T, 3, 2) texture coordinates, origin at the picture's lower left
-    colors: Floats  # (T, 3) red, green, blue in 0..1; multiplied with the texture where there is one
-    texture: npt.NDArray[np.int64]  # (T,) index into ``textures``, -1 where there is none
+    colors: Floats  # (T, 3) red, green, blue in 0..1; multiplied with the texture, if any
+    texture: npt.NDArray[np.int64]  # (T,) index into ``textures``, -1 without texture
     textures: tuple[Image, ...]  # (H, W, 3) uint8 RGB
 
 
 def random_view_directions(count: int, rng: np.random.Generator) -> tuple[Vec3, ...]:
-    """Unit vectors from a thing on a table towards cameras that look 5 to 65 degrees down at it, from all sides."""
+    """Unit vectors from an object on a table towards cameras that look 5 to 65 degrees down at it, from all sides."""
     around = rng.uniform(-np.pi, np.pi, count)
     up = np.deg2rad(rng.uniform(*_HORIZON, count))
     return tuple(_direction_from_angles(float(a), float(b)) for a, b in zip(around, up, strict=True))
@@ -82,10 +81,10 @@ def render_random_views(library: Library, name: str) -> tuple[AssetView, ...]:
 def render_asset_views(
     library: Library, name: str, directions: Sequence[Vec3], *, size: int = 224
 ) -> tuple[AssetView, ...]:
-    """One square picture of an asset for each direction; the whole asset is in each.
+    """Render a square picture of an asset for each direction; the whole asset is in each.
 
     Args:
-        library: where the asset is.
+        library: of the asset.
         name: of the asset; a template is drawn with its defaults.
         directions: from the object's centre to the camera, object frame, any length but 0; z is up in the picture
             unless the camera looks along it, then x is.
@@ -109,8 +108,8 @@ def render_asset_views(
 
 
 def build_textured_triangles(library: Library, shapes: Sequence[Shape], plain: Vec3 | None = None) -> PaintedTriangles:
-    """The triangles of shapes in the object frame; those without a colour are ``plain``, gray unless given."""
-    surfaces: list[Surface] = []
+    """The triangles of shapes in the object frame; shapes without a colour are ``plain``, gray by default."""
+    surfaces: list[TriangleSoup] = []
     colors: list[Floats] = []
     numbers: list[int] = []
     textures: list[Image] = []
@@ -118,8 +117,8 @@ def build_textured_triangles(library: Library, shapes: Sequence[Shape], plain: V
         surfaces.append(triangulate_shape(shape, library))
         numbers.append(len(textures) if shape.texture else -1)
         textures += [read_texture(library.mesh_or_texture_path(shape.texture))] if shape.texture else []
-        own = shape.color[:3] if shape.color else (1.0, 1.0, 1.0) if shape.texture else plain or COLORS["gray"]
-        colors.append(np.asarray(own, dtype=np.float64))
+        rgb = shape.color[:3] if shape.color else (1.0, 1.0, 1.0) if shape.texture else plain or COLORS["gray"]
+        colors.append(np.asarray(rgb, dtype=np.float64))
     counts = [len(surface.corners) for surface in surfaces]
     return PaintedTriangles(
         corners=np.concatenate([surface.corners for surface in surfaces]),
@@ -130,21 +129,17 @@ def build_textured_triangles(library: Library, shapes: Sequence[Shape], plain: V
     )
 
 
-def triangulate_shape(shape: Shape, library: Library) -> Surface:
+def triangulate_shape(shape: Shape, library: Library) -> TriangleSoup:
     """The triangles of a shape in the object frame, m."""
     mesh = read_surface(library.mesh_or_texture_path(shape.mesh)) if shape.mesh else triangulate_primitive(shape)
     scale = np.asarray(shape.size) if shape.kind == "mesh" else np.ones(3)
     corners = mesh.corners * scale @ matrix_from_quaternion(shape.quaternion).T + shape.position
-    return Surface(corners, mesh.uvs)
+    return TriangleSoup(corners, mesh.uvs)
 
 
+@cache_until_modified(64)
 def read_texture(path: Path) -> Image:
-    """A texture as (H, W, 3) uint8 RGB, its longer side at most 1024 px; an `InputError` where it is none."""
-    return _read_texture_cached(path, path.stat().st_mtime_ns)
-
-
-@lru_cache(maxsize=64)
-def _read_texture_cached(path: Path, _modified: int) -> Image:
+    """A texture as (H, W, 3) uint8 RGB, its longer side at most 1024 px; an `InputError` if it is no picture."""
     from PIL import Image as Pictures
 
     try:
@@ -169,7 +164,11 @@ def _render_asset_view(
     if not np.isfinite(length) or length < 1e-9:
         raise InputError(f"view direction {towards}", "give a vector that is not zero")
     direction, edge = np.asarray(towards, dtype=np.float64) / length, size * _FINER
-    local = (painted.corners - center) @ _camera_rotation_matrix(direction).T + (0.0, 0.0, distance)
+    forward = -direction
+    up = (0.0, 0.0, 1.0) if abs(float(direction[2])) < 0.999 else (1.0, 0.0, 0.0)
+    right = np.cross(forward, up)
+    right /= np.linalg.norm(right)
+    local = (painted.corners - center) @ np.stack([right, np.cross(forward, right), forward]).T + (0.0, 0.0, distance)
     fine, deep = _render_color_and_depth(painted, local, focal * _FINER, edge)
     x, y, z = direction.tolist()
     total = fine.reshape(size, _FINER, size, _FINER, 4).mean(axis=(1, 3))
@@ -177,15 +176,6 @@ def _render_asset_view(
     nearest = np.where(deep > 0, deep, np.inf).reshape(size, _FINER, size, _FINER).min(axis=(1, 3))
     depth = np.where(np.isfinite(nearest), nearest, 0).astype(np.float32)
     return AssetView(np.rint(np.clip(total, 0, 1) * 255).astype(np.uint8), depth, (x, y, z), distance, focal)
-
-
-def _camera_rotation_matrix(direction: Floats) -> Floats:
-    """The rotation (3, 3) whose rows are a camera's right, down and forward as it looks against ``direction``."""
-    forward = -direction
-    up = (0.0, 0.0, 1.0) if abs(float(direction[2])) < 0.999 else (1.0, 0.0, 0.0)
-    right = np.cross(forward, up)
-    right /= np.linalg.norm(right)
-    return np.stack([right, np.cross(forward, right), forward])
 
 
 @dataclass(frozen=True)
@@ -201,8 +191,8 @@ class Lens:
 
 
 def _render_color_and_depth(painted: PaintedTriangles, local: Floats, focal: float, edge: int) -> tuple[Floats, Floats]:
-    """(H, W, 4) colour and coverage in 0..1, and (H, W) depth (m, 0 where nothing is), lit from the camera, of
-    triangles whose corners are ``local`` (T, 3, 3) in its frame, m: x right, y down, z forward and positive."""
+    """(H, W, 4) colour and coverage in 0..1, and (H, W) depth (m, 0 in the background), lit from the camera, of
+    triangles with corners ``local`` (T, 3, 3) in its frame, m: x right, y down, z forward and positive."""
     middle = (edge - 1) / 2
     places = local[:, :, :2] / local[:, :, 2:] * focal + middle
     buffer = rasterise_triangles(places, 1 / local[:, :, 2], edge, edge)
@@ -228,13 +218,13 @@ def sample_triangle_colors(painted: PaintedTriangles, index: npt.NDArray[np.int6
     """(N, 3) colour, 0..1, of points on triangles ``index`` (N,), given by the weights (N, 3) of their corners."""
     colors = painted.colors[index].copy()
     for number, texture in enumerate(painted.textures):
-        mine = np.flatnonzero(painted.texture[index] == number)
-        triangle = index[mine]
-        u, v = np.einsum("ij,ijk->ik", weights[mine], painted.uvs[triangle]).T
+        chosen = np.flatnonzero(painted.texture[index] == number)
+        triangle = index[chosen]
+        u, v = np.einsum("ij,ijk->ik", weights[chosen], painted.uvs[triangle]).T
         height, width = texture.shape[:2]
         columns = np.minimum((_wrap_texture_coordinates(u) * width).astype(np.int64), width - 1)
         rows = np.minimum(((1 - _wrap_texture_coordinates(v)) * height).astype(np.int64), height - 1)
-        colors[mine] *= texture[rows, columns] / 255
+        colors[chosen] *= texture[rows, columns] / 255
     return colors
 
 

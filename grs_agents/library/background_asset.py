@@ -1,4 +1,4 @@
-"""The background of a photo as an asset of the run: a mesh to look at and boxes to bump into, fixed where it is."""
+"""The background of a photo as a fixed asset of the run: a visual mesh and colliding boxes."""
 
 from pathlib import Path
 from typing import Final
@@ -9,15 +9,15 @@ import numpy.typing as npt
 from grs_agents.base import Vec3
 from grs_agents.base.errors import InputError
 from grs_agents.base.files import write_text
+from grs_agents.library.asset import DEFAULT_FRICTION
 from grs_agents.library.formats.model_file import MAX_SHAPES
 from grs_agents.library.formats.urdf import format_urdf_text
 from grs_agents.library.mesh_files import format_obj_text
 from grs_agents.library.shapes import Shape
 
 BACKGROUND: Final = "background/room.urdf"
-"""Its name in the library of the run. No manifest lists it: it is offered to nobody as a thing to use."""
+"""Its name in the library of the run. No manifest lists it, so no task is offered it."""
 _MESH: Final = "background/room.obj"
-_FRICTION: Final = 0.6
 
 
 def write_background_asset(
@@ -31,9 +31,9 @@ def write_background_asset(
 
     Args:
         root: the library folder to write into.
-        vertices: (V, 3) of what is seen, metres.
+        vertices: (V, 3) of the visual mesh, metres.
         faces: (F, 3) indices of them, counterclockwise from outside.
-        boxes: (B, 2, 3) lowest and highest corners of what is solid, metres.
+        boxes: (B, 2, 3) lowest and highest corners of the colliders, metres.
         color: red, green, blue in 0..1.
 
     Raises:
@@ -44,14 +44,13 @@ def write_background_asset(
         raise InputError(f"a background of {len(vertices)} vertices and {len(boxes)} boxes", remedy)
     red, green, blue = color
     seen = Shape(kind="mesh", size=(1.0, 1.0, 1.0), mesh=_MESH, color=(red, green, blue, 1.0))
-    solids = [_box_from_corners(low, high) for low, high in boxes]
+    solids: list[Shape] = []
+    for low, high in boxes:
+        (x, y, z), (a, b, c) = (low + high) / 2, high - low
+        box = Shape(kind="box", size=(float(a), float(b), float(c)), position=(float(x), float(y), float(z)))
+        solids.append(box)
     write_text(root / _MESH, format_obj_text(vertices, faces))
-    write_text(
-        root / BACKGROUND, format_urdf_text("room", [seen], solids, mass=0.0, friction=_FRICTION, folder="background")
-    )
+    friction = DEFAULT_FRICTION.value
+    urdf = format_urdf_text("room", [seen], solids, mass=0.0, friction=friction, folder="background")
+    write_text(root / BACKGROUND, urdf)
     return BACKGROUND
-
-
-def _box_from_corners(low: npt.NDArray[np.float64], high: npt.NDArray[np.float64]) -> Shape:
-    (x, y, z), (a, b, c) = (low + high) / 2, high - low
-    return Shape(kind="box", size=(float(a), float(b), float(c)), position=(float(x), float(y), float(z)))

@@ -1,4 +1,4 @@
-"""Names for colours: one palette for cubes, proxies and descriptions."""
+"""Colour names: a palette for cubes, proxies and descriptions."""
 
 import colorsys
 
@@ -24,9 +24,9 @@ COLORS: dict[str, Vec3] = {
 """Red, green, blue in 0..1 by name."""
 
 _HUES = ((15, "red"), (42, "orange"), (68, "yellow"), (165, "green"), (200, "cyan"), (255, "blue"), (315, "purple"))
-"""Where the hues of a name end, degrees; from 315 on it is red again."""
+"""Upper bounds of the hues, degrees; from 315 on the hue is red again."""
 _SHARE = 0.08
-"""Share of what is seen from which a further colour is told."""
+"""Least share of the surface for a second or third colour."""
 
 
 def color_name_from_rgb(rgb: Vec3) -> str:
@@ -36,7 +36,11 @@ def color_name_from_rgb(rgb: Vec3) -> str:
         return "black"
     if saturation < 0.18:
         return "white" if value > 0.78 else "gray"
-    return _chromatic_color_name(hue * 360, saturation, value)
+    degrees = hue * 360
+    name = next((name for limit, name in _HUES if degrees < limit), "red")
+    if name in ("red", "orange") and value < 0.62 and degrees >= 8 and saturation < 0.85:
+        return "brown"
+    return "pink" if name in ("red", "purple") and value > 0.7 and saturation < 0.5 else name
 
 
 def main_color_names(
@@ -46,8 +50,8 @@ def main_color_names(
 
     Args:
         colors: of points.
-        step: colours that differ by less in each channel count as one.
-        amounts: (N,) how much each stands for; 1 unless given.
+        step: colours that differ by less in each channel count as equal.
+        amounts: (N,) weights of the points; 1 by default.
     """
     levels, number = np.unique(colors // step, axis=0, return_inverse=True)
     shares: dict[str, float] = {}
@@ -58,11 +62,3 @@ def main_color_names(
     total = sum(shares.values()) or 1.0
     ranked = sorted(shares, key=lambda name: (-shares[name], name))
     return ranked[:1] + [name for name in ranked[1:3] if shares[name] >= _SHARE * total]
-
-
-def _chromatic_color_name(degrees: float, saturation: float, value: float) -> str:
-    """The name of a colour that is neither black, white nor gray: dark oranges are brown, pale reds pink."""
-    name = next((name for limit, name in _HUES if degrees < limit), "red")
-    if name in ("red", "orange") and value < 0.62 and degrees >= 8 and saturation < 0.85:
-        return "brown"
-    return "pink" if name in ("red", "purple") and value > 0.7 and saturation < 0.5 else name

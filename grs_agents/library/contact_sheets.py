@@ -20,7 +20,7 @@ MAX_ASSETS: Final = 240
 
 
 def draw_contact_sheet(library: Library, assets: Sequence[Asset], views: int = 3) -> tuple[Image, dict[str, str]]:
-    """A picture (H, W, 3) with a cell of ``views`` pictures around each asset, and what could not be drawn.
+    """Draw a cell of ``views`` pictures for each asset. Returns: picture (H, W, 3), errors of failed assets by name.
     Raises InputError: there are no assets, or more than 240."""
     if not 0 < len(assets) <= MAX_ASSETS:
         raise InputError(f"a sheet of {len(assets)} assets", f"name 1 to {MAX_ASSETS} of them")
@@ -43,13 +43,16 @@ def draw_contact_sheet(library: Library, assets: Sequence[Asset], views: int = 3
             for place, view in enumerate(pictures):
                 sheet.paste(Pictures.fromarray(composite_over_white(view)), (left + place * _SIDE, top))
         captions = ((asset.name, _INK), (format_asset_facts(asset), _FAINT), (asset.description, _FAINT))
-        for line, (text, ink) in enumerate(captions):
-            pen.text((left + 8, top + _SIDE + 2 + 16 * line), _trim_text_to_width(text, width - 16, font), ink, font)
+        for line, (caption, ink) in enumerate(captions):
+            text = caption
+            while len(text) > 4 and font.getlength(text) > width - 16:
+                text = f"{text[:-4]}..."
+            pen.text((left + 8, top + _SIDE + 2 + 16 * line), text, ink, font)
     return np.asarray(sheet, np.uint8), broken
 
 
 def format_asset_facts(asset: Asset) -> str:
-    """Size, mass with its provenance, and licence of an asset in one line."""
+    """Size, mass with its provenance, and licence of an asset on a single line."""
     x, y, z = (f"{100 * extent:.1f}" for extent in asset.size)
     mass = asset.physics_or_defaults().mass
     license_ = f", {asset.origin.license}" if asset.origin is not None else ""
@@ -61,9 +64,3 @@ def composite_over_white(view: AssetView) -> Image:
     """(H, W, 3) uint8 of a view over white."""
     cover = view.rgba[:, :, 3:].astype(np.float64) / 255
     return np.rint(view.rgba[:, :, :3] * cover + 255 * (1 - cover)).astype(np.uint8)
-
-
-def _trim_text_to_width(text: str, width: int, font: Any) -> str:
-    while len(text) > 4 and font.getlength(text) > width:
-        text = f"{text[:-4]}..."
-    return text

@@ -1,4 +1,4 @@
-"""The assets of one or more folders, found by name."""
+"""The assets of library folders, found by name."""
 
 from pathlib import Path, PurePosixPath
 
@@ -15,13 +15,13 @@ from grs_agents.library.urdf_templates import Value, Values, fill_template
 
 
 class Library:
-    """An overlay of library folders, each with a ``manifest.json``; where names collide, later folders win.
+    """An overlay of library folders, each with a ``manifest.json``; later folders win.
 
-    A URDF or MJCF file that no manifest lists is an asset too, by its name relative to its folder: it is read when
-    somebody names it, and never offered by `assets` and what builds on it.
+    A URDF or MJCF file that no manifest lists is an asset too, by its name relative to its folder: it is read on
+    demand, and never offered by `assets` and its callers.
 
     Args:
-        roots: the folders; none means the library shipped with GRS, and what ``--content`` lays over it.
+        roots: the folders; by default the library shipped with GRS, and the folders that ``--content`` lays over it.
 
     Raises:
         InputError: a folder does not exist or its manifest is faulty.
@@ -43,9 +43,9 @@ class Library:
 
     def asset_names(self) -> list[str]:
         """Every asset's name and every description file's, sorted."""
-        found = ((root, path) for root in self.roots for suffix in MODEL_SUFFIXES for path in root.rglob(f"*{suffix}"))
-        own = {path.relative_to(root).as_posix() for root, path in found}
-        return sorted({*self._assets, *filter(self.__contains__, own)})
+        files = ((root, path) for root in self.roots for suffix in MODEL_SUFFIXES for path in root.rglob(f"*{suffix}"))
+        names = {path.relative_to(root).as_posix() for root, path in files}
+        return sorted({*self._assets, *filter(self.__contains__, names)})
 
     def assets(self) -> tuple[Asset, ...]:
         """Every asset that a manifest lists, by name."""
@@ -73,7 +73,7 @@ class Library:
         return resolve_member_file(self._require_root_of_asset(name), name)
 
     def load_object_model(self, name: str) -> ObjectModel:
-        """What the asset's file says; a template is filled with its defaults. Errors as `asset`."""
+        """Load the asset's file; a template is filled with its defaults. Errors as `asset`."""
         if name not in self._models:
             if name in self._assets and self._assets[name].template:
                 self._models[name] = self.load_filled_template(name, {})
@@ -94,14 +94,14 @@ class Library:
         return fill_template(self._texts[name], replace, self.asset(name).template)
 
     def load_filled_template(self, name: str, replace: Values) -> ObjectModel:
-        """What a template says once ``replace`` and its defaults are filled in; errors as `fill_template`."""
+        """Load a template filled with ``replace`` and its defaults; errors as `fill_template`."""
         key = (name, self.fill_template(name, replace))
         if key not in self._filled:
             self._filled[key] = read_urdf(key[1], self._require_root_of_asset(name), Path(name).parent.as_posix())
         return self._filled[key]
 
     def mesh_or_texture_path(self, name: str) -> Path:
-        """The file of a library-relative mesh or texture name; an `InputError` where no root has it."""
+        """The file of a library-relative mesh or texture name; an `InputError` if no root has it."""
         if name in self._files:
             return self._files[name]
         for root in reversed(self.roots):
@@ -112,17 +112,17 @@ class Library:
         raise InputError(f"library file {name!r} does not exist", f"put it below {self.roots[-1]}")
 
     def copy_with_overlay_root(self, root: Path) -> "Library":
-        """A new library with ``root`` laid over this one; an `InputError` where its manifest is faulty."""
+        """A new library with ``root`` laid over this library; an `InputError` if its manifest is faulty."""
         over = Library(*self.roots, root)
         over._models = {
-            key: one
-            for key, one in self._models.items()
+            key: model
+            for key, model in self._models.items()
             if over._find_root_of_asset(key) == self._find_root_of_asset(key)
         }
         return over
 
     def everyday_assets(self) -> tuple[Asset, ...]:
-        """The assets that can stand on a real table: no templates, no marks, no parts of a published task."""
+        """The assets of a real table: no templates, no marks, no parts of a published task."""
         return tuple(asset for asset in self.assets() if asset.everyday and not asset.template and asset.mass > 0)
 
     def _find_root_of_asset(self, name: str) -> Path | None:
@@ -139,11 +139,11 @@ class Library:
 
 
 MODEL_SUFFIXES = (".urdf", ".xml")
-"""Of files that are assets without a manifest: URDF or MJCF of one rigid object."""
+"""Of files that are assets without a manifest: URDF or MJCF of a single rigid object."""
 
 
 def find_user_model_path(root: Path, name: str) -> Path | None:
-    """The file called ``name`` below ``root``, None where there is none or the name leaves the folder."""
+    """The file called ``name`` below ``root``, None if it does not exist or the name leaves the folder."""
     pure = PurePosixPath(name)
     if pure.suffix.lower() not in MODEL_SUFFIXES or "\0" in name or pure.as_posix() != name:
         return None

@@ -5,7 +5,6 @@ import re
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
@@ -14,6 +13,7 @@ import numpy.typing as npt
 
 from grs_agents.base import Vec3
 from grs_agents.base.errors import InputError
+from grs_agents.base.foreign.files import cache_until_modified
 from grs_agents.library.shapes import Shape
 
 Floats = npt.NDArray[np.float64]
@@ -24,19 +24,15 @@ _PNG: Final = b"\x89PNG\r\n\x1a\n"
 _DIGITS: Final = re.compile("[0-9]+")
 
 
+@cache_until_modified(512)
 def read_vertices(path: Path) -> Floats:
-    """The (N, 3) vertices of an OBJ file, in the file's own units; an `InputError` where it is none."""
+    """The (N, 3) vertices of an OBJ file, in the file's own units; an `InputError` if it is no OBJ file."""
     try:
         status = path.stat()
     except OSError as error:
         raise InputError(f"cannot read mesh {path}: {error.strerror}", "put the file there") from error
     if path.suffix.lower() != ".obj" or status.st_size > _MAX_BYTES:
         raise InputError(f"mesh {path.name} is not an .obj file below {_MAX_BYTES} bytes", "convert it to OBJ")
-    return _read_vertices_cached(path, status.st_mtime_ns)
-
-
-@lru_cache(maxsize=512)
-def _read_vertices_cached(path: Path, _modified: int) -> Floats:
     try:
         rows = _find_rows(path.read_text(encoding="utf-8"), "v ")
         vertices = np.fromstring(" ".join(rows), sep=" ")
@@ -52,51 +48,42 @@ def _read_vertices_cached(path: Path, _modified: int) -> Floats:
 
 
 def _find_rows(text: str, keyword: str) -> list[str]:
-    """What follows a keyword in the lines that begin with it."""
+    """The lines that begin with a keyword, without the keyword."""
     return [line[len(keyword) :] for line in text.split("\n") if line.startswith(keyword)]
 
 
 @dataclass(frozen=True)
-class Surface:
-    """The triangles of one mesh, in the file's own units."""
+class TriangleSoup:
+    """The triangles of a mesh, in the file's own units."""
 
     corners: Floats  # (T, 3, 3) positions
-    uvs: Floats  # (T, 3, 2) texture coordinates, origin at the picture's lower left; zeros where the file has none
+    uvs: Floats  # (T, 3, 2) texture coordinates, origin at the picture's lower left; zeros if the file has none
 
 
-def read_surface(path: Path) -> Surface:
-    """The triangles of an OBJ file, polygons as fans; an `InputError` where it is none or has no faces."""
-    vertices = read_vertices(path)
-    return _read_surface_cached(path, path.stat().st_mtime_ns, len(vertices))
-
-
-def convex_mesh_volume(path: Path) -> float:
-    """The volume in an OBJ file's convex mesh, in its own units cubed, whichever way its faces are turned."""
-    return _convex_volume_cached(path, path.stat().st_mtime_ns)
-
-
-@lru_cache(maxsize=4096)
-def _convex_volume_cached(path: Path, _modified: int) -> float:
-    corners = read_surface(path).corners
-    corners = corners - (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1))) / 2
-    return float(np.abs(np.linalg.det(corners)).sum()) / 6
-
-
-@lru_cache(maxsize=128)
-def _read_surface_cached(path: Path, _modified: int, count: int) -> Surface:
+@cache_until_modified(128)
+def read_surface(path: Path) -> TriangleSoup:
+    """The triangles of an OBJ file, polygons as fans; an `InputError` if it is no OBJ file or has no faces."""
     vertices = read_vertices(path)
     try:
         text = path.read_text(encoding="utf-8")
         uvs = _parse_uvs(text)
-        faces = _parse_uniform_triangles(text, (count, len(uvs)))
-        faces = _parse_faces_by_line(text, count) if faces is None else faces
+        faces = _parse_uniform_triangles(text, (len(vertices), len(uvs)))
+        faces = _parse_faces_by_line(text, len(vertices)) if faces is None else faces
     except (OSError, ValueError, IndexError) as error:
         raise InputError(f"mesh {path} is not a valid OBJ: {error}", "export it again") from error
     # No coordinate is -1, the last: zeros.
     corners, coordinates = vertices[faces[:, :, 0]], np.concatenate([uvs, np.zeros((1, 2))])[faces[:, :, 1]]
     corners.setflags(write=False)
     coordinates.setflags(write=False)
-    return Surface(corners, coordinates)
+    return TriangleSoup(corners, coordinates)
+
+
+@cache_until_modified(4096)
+def convex_mesh_volume(path: Path) -> float:
+    """The volume in an OBJ file's convex mesh, in its own units cubed, for either orientation of its faces."""
+    corners = read_surface(path).corners
+    corners = corners - (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1))) / 2
+    return float(np.abs(np.linalg.det(corners)).sum()) / 6
 
 
 def _parse_uvs(text: str) -> Floats:
@@ -111,13 +98,13 @@ def _parse_uvs(text: str) -> Floats:
 
 
 def _parse_uniform_triangles(text: str, counts: tuple[int, int]) -> Ints | None:
-    """(T, 3, 2) vertex and texture coordinate of each corner, where all faces are triangles that name the same kinds of
-    items and none from the end, as most files have them; None where they do not, or name none of ``counts``."""
+    """(T, 3, 2) vertex and texture coordinate of each corner, if all faces are triangles with the same kinds of items
+    and no negative indices, as in most files; None otherwise, or if an index is beyond ``counts``."""
     rows = _find_rows(text, "f ")
     words = " ".join(rows)
     kinds = words.partition(" ")[0].count("/") + 1
     corner = "/" * (kinds - 1)
-    # What is left without the digits: a sign, a dot or another kind of face shows.
+    # Without digits only the slashes may be left: a sign, a dot or another kind of face shows.
     if (
         kinds > 3
         or _DIGITS.sub("", words) != " ".join([corner] * 3 * len(rows))
@@ -143,21 +130,19 @@ def _parse_faces_by_line(text: str, count: int) -> Ints:
         if line.startswith("vt "):
             uvs += 1
         elif line.startswith("f "):
-            polygon = [_parse_face_corner(word, count, uvs) for word in line.split()[1:]]
+            polygon: list[tuple[int, int]] = []
+            for word in line.split()[1:]:  # ``a``, ``a/b`` or ``a/b/c``
+                first, second = [*word.split("/"), ""][:2]
+                vertex = _resolve_obj_index(first, count)
+                polygon.append((vertex, _resolve_obj_index(second, uvs) if second else _NO_UV))
             faces += [[polygon[0], *polygon[number : number + 2]] for number in range(1, len(polygon) - 1)]
     if not faces:
         raise ValueError("it has no faces")
     return np.array(faces, dtype=np.int64)
 
 
-def _parse_face_corner(word: str, vertices: int, uvs: int) -> tuple[int, int]:
-    """Vertex and texture coordinate that ``a``, ``a/b`` or ``a/b/c`` names; negative numbers count from the end."""
-    first, _, rest = word.partition("/")
-    second = rest.partition("/")[0]
-    return _resolve_obj_index(first, vertices), _resolve_obj_index(second, uvs) if second else _NO_UV
-
-
 def _resolve_obj_index(word: str, count: int) -> int:
+    """The index, from 0, of a number of an OBJ file; negative numbers count from the end."""
     number = int(word)
     index = number - 1 if number > 0 else count + number
     if not 0 <= index < count:
@@ -173,7 +158,7 @@ _BOX = (
 """Corners of each triangle, counter-clockwise from outside; corner number 4x + 2y + z of the unit cube."""
 
 
-def triangulate_primitive(shape: Shape) -> Surface:
+def triangulate_primitive(shape: Shape) -> TriangleSoup:
     """The triangles of a primitive in its own frame (m), without texture coordinates."""
     if shape.kind == "box":
         cube = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
@@ -185,7 +170,7 @@ def triangulate_primitive(shape: Shape) -> Surface:
         angles = np.linspace(-np.pi / 2, np.pi / 2, _RINGS + 1)
         radius = shape.size[0]
         corners = _revolve_profile([(radius * float(np.cos(angle)), radius * float(np.sin(angle))) for angle in angles])
-    return Surface(corners, np.zeros((len(corners), 3, 2)))
+    return TriangleSoup(corners, np.zeros((len(corners), 3, 2)))
 
 
 def _revolve_profile(profile: Sequence[tuple[float, float]]) -> Floats:
@@ -196,18 +181,13 @@ def _revolve_profile(profile: Sequence[tuple[float, float]]) -> Floats:
     lower = np.arange(_SECTIONS)
     ring = np.stack([lower, np.roll(lower, -1), np.roll(lower, -1) + _SECTIONS, lower + _SECTIONS], axis=1)
     quads = [ring + row * _SECTIONS for row in range(len(profile) - 1)]
-    return _triangulate_quads(np.concatenate(rings), np.concatenate(quads))
-
-
-def _triangulate_quads(vertices: Floats, quads: Ints) -> Floats:
-    """(T, 3, 3) of two triangles for each quad (Q, 4); those without an area are left out."""
-    corners = vertices[quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)]
+    corners = np.concatenate(rings)[np.concatenate(quads)[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)]
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     return corners[areas > 1e-15]
 
 
 def mesh_volume(vertices: Floats, faces: Ints) -> float:
-    """m^3 of a closed mesh, of an open one as seen from its middle; negative where the faces look inwards."""
+    """m^3 of a closed mesh, of an open mesh as seen from its middle; negative for faces that look inwards."""
     return float(np.linalg.det((vertices - vertices.mean(axis=0))[faces]).sum()) / 6
 
 

@@ -9,17 +9,17 @@ from grs_agents.library.mesh_files import read_png_size
 from grs_agents.library.shapes import Shape
 
 MOST_TEXTURE_PIXELS: Final = 4096 * 4096
-"""Of one file; scanned objects have textures of up to 4096 x 4096."""
+"""Of a single file; scanned objects have textures of up to 4096 x 4096."""
 MOST_PIXELS_OF_WORLD: Final = 4 * MOST_TEXTURE_PIXELS
-"""Of all files that a world's textures are read from, each counted as often as it is used: MuJoCo keeps every copy."""
+"""Of all textures of a world, each counted as often as it is used: MuJoCo keeps every copy."""
 _modified: dict[str, int] = {}
 
 
 def name_current_file(path: Path) -> str:
     """The name of a mesh or texture as MuJoCo takes it.
 
-    MuJoCo keeps the files that it read and takes one for unchanged that was written again within the same second. What
-    it keeps is dropped where the file is another than when it was named last.
+    MuJoCo caches the files that it read, and misses a change within the same second. The cache is cleared for a file
+    that has changed since it was last named.
     """
     from grs_agents.base.mujoco_import import mujoco  # takes long to import
 

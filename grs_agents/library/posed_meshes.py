@@ -14,7 +14,7 @@ from grs_agents.library.shapes import Placement, matrix_from_quaternion
 Floats = npt.NDArray[np.float64]
 _PLAIN: Vec3 = (0.6, 0.6, 0.6)
 _SMOOTH = 0.7
-"""Faces that turn by less than acos of it look like one bent surface."""
+"""Cosine of the smoothing angle: faces that turn by less look like a bent surface."""
 
 
 @dataclass(frozen=True)
@@ -24,14 +24,14 @@ class Triangles:
     corners: Floats  # (T, 3, 3) m, robot frame
     normals: Floats  # (T, 3, 3) unit normals at the corners
     uvs: Floats  # (T, 3, 2) texture coordinates
-    colors: Floats  # (T, 3) red, green, blue in 0..1, used where ``texture`` is -1
+    colors: Floats  # (T, 3) red, green, blue in 0..1, used if ``texture`` is -1
     texture: npt.NDArray[np.int64]  # (T,) index into ``textures``
     owner: npt.NDArray[np.int64]  # (T,) 1 for the first placed object, and so on
     textures: tuple[npt.NDArray[np.uint8], ...]  # (H, W, 3) RGB images
 
 
 def build_posed_triangles(posed: Sequence[tuple[str, Placement]], library: Library) -> Triangles:
-    """All the visible triangles of assets, each with its pose in the robot frame; the first one's ``owner`` is 1."""
+    """All visible triangles of assets, each with its pose in the robot frame; the ``owner`` of the first asset is 1."""
     parts: list[tuple[Floats, Floats, Floats, Floats, npt.NDArray[np.int64], int]] = []
     textures: list[npt.NDArray[np.uint8]] = []
     for owner, (asset, (centre, quaternion)) in enumerate(posed, start=1):

@@ -1,4 +1,4 @@
-"""What an object is made of: primitives and meshes in the object's own frame."""
+"""Shapes of an object: primitives and meshes in the object's own frame."""
 
 import math
 from collections.abc import Iterable
@@ -19,24 +19,24 @@ IDENTITY_PLACEMENT: Placement = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
 class Shape(Frozen):
-    """One primitive or mesh."""
+    """A primitive or mesh."""
 
     kind: ShapeKind
     # full extents of a box, (radius, length along z) of a cylinder, (radius,) of a sphere, m; scale of a mesh
     size: tuple[float, ...]
     position: Vec3 = (0.0, 0.0, 0.0)  # centre of the shape in the object frame, m
     quaternion: Quat = (0.0, 0.0, 0.0, 1.0)  # rotation from the shape's frame to the object frame, xyzw
-    color: Rgba | None = None  # red, green, blue, alpha in 0..1, or None where nothing says
-    mesh: str | None = None  # library-relative name of the mesh file; meshes alone have one
+    color: Rgba | None = None  # red, green, blue, alpha in 0..1, or None if unspecified
+    mesh: str | None = None  # library-relative name of the mesh file; only of meshes
     texture: str | None = None  # library-relative name of a PNG
 
 
 class ObjectModel(Frozen):
-    """What a URDF says about one rigid object."""
+    """A rigid object as its URDF describes it."""
 
-    visuals: tuple[Shape, ...]  # what is seen
-    colliders: tuple[Shape, ...]  # what touches, meshes as their convex hulls; empty for marks on the table
-    mass: float  # kg; 0 where the URDF gives no inertia (an object that never moves)
+    visuals: tuple[Shape, ...]  # visual geometry
+    colliders: tuple[Shape, ...]  # collision geometry, meshes as their convex hulls; empty for marks on the table
+    mass: float  # kg; 0 if the URDF gives no inertia (an object that never moves)
     friction: float  # coefficient of sliding friction
     bounds: tuple[Vec3, Vec3]  # lowest and highest corner (m) of the colliders, else of the visuals
 
@@ -59,7 +59,7 @@ def transform_shape(shape: Shape, placement: Placement) -> Shape:
 
 
 def looks_unchanged_by_rotation(model: ObjectModel, turn: Quat) -> bool:
-    """Whether nobody sees that an object was turned by ``turn`` (in quarters) about its origin.
+    """True if a rotation by ``turn`` (in quarters) about an object's origin is invisible.
 
     A mesh or a picture on it is taken to look otherwise.
     """
@@ -70,7 +70,7 @@ def looks_unchanged_by_rotation(model: ObjectModel, turn: Quat) -> bool:
 
 
 def _shape_appearance_key(shape: Shape) -> tuple[object, ...]:
-    """Kind, colour and room (1e-5 m) of a shape that is not a mesh."""
+    """Kind, colour and bounds (1e-5 m) of a shape that is not a mesh."""
     room = [round(1e5 * float(value)) for corner in shape_bounds(shape) for value in corner]
     return (shape.kind, shape.color or (), *room)
 

@@ -1,8 +1,8 @@
 """URDF templates: placeholders ``DIM0``, ``HALF1``, ``COLOR3``, ``FNAME0`` become values, as in CLIPort.
 
-A template documents what it takes, and what it takes it as, in the defaults of its manifest entry. Programs say the
-same size in several ways, so where a template has ``DIM`` (the extents x, y, z in m, for round things too) these
-other stems are understood, in this order, for what ``DIM`` itself leaves open:
+A template documents its placeholders, and their meaning, in the defaults of its manifest entry. Programs state the same
+size in several ways: a template with ``DIM`` (the extents x, y, z in m, for round objects too) also accepts these
+stems, in this order, for components that ``DIM`` itself leaves open:
 
 =====================  =====================================================
 ``HALF``               half of the extents
@@ -11,9 +11,9 @@ other stems are understood, in this order, for what ``DIM`` itself leaves open:
 ``SCALE``              extents, as of a unit solid
 =====================  =====================================================
 
-A corner, which has ``DIMX`` and ``DIMY`` (the two strokes' centres), also understands ``DIM``: the size of the
-box, centred on the corner's origin, whose corner it marks. A bare number stands for every component; ``COLOR`` may
-be a colour's name; of ``FNAME`` the last part alone counts, a file beside the template.
+A corner, which has ``DIMX`` and ``DIMY`` (the two strokes' centres), also accepts ``DIM``: the size of the box, centred
+on the corner's origin, whose corner it marks. A bare number applies to every component; ``COLOR`` may be a colour's
+name; of ``FNAME`` the last part alone counts, a file beside the template.
 """
 
 import math
@@ -64,9 +64,9 @@ def known_placeholder_stems(defaults: Mapping[str, Sequence[Value]]) -> frozense
 
 
 def resolve_template_values(replace: Values, defaults: Defaults) -> tuple[Filled, Filled]:
-    """What a template's own placeholders become, and which defaults ``replace`` leaves as they are.
-    Of a stem of which ``replace`` gives some components, the others count as defaults; an alpha alone does not.
-    Raises InputError: a value is not a finite number, a colour or a file name."""
+    """Values of a template's own placeholders, and the defaults that ``replace`` leaves as they are. If ``replace``
+    gives some components of a stem, the others count as defaults; an alpha alone does not. Raises InputError: a value
+    is not a finite number, a colour or a file name."""
     known = known_placeholder_stems(defaults)
     given: dict[str, dict[int, Value]] = {
         stem: dict(enumerate(_parse_placeholder_value(stem, value, len(defaults.get(stem, (0, 0, 0))))))
@@ -86,22 +86,32 @@ def resolve_template_values(replace: Values, defaults: Defaults) -> tuple[Filled
 
 
 def _convert_to_placeholders_of_template(given: Given, defaults: Defaults, known: Collection[str]) -> Given:
-    """What is given by the stems that the template has: lengths in one, the centres of a corner's strokes."""
+    """The given values by the stems of the template: lengths in ``DIM``, the centres of a corner's strokes."""
     stated = {stem: given.get(stem, {}) for stem in defaults}
     if "DIM" in defaults:
-        others = [stem for stem in _LENGTH_STEMS if stem in known and stem not in defaults]
-        return stated | {"DIM": _collect_dim_lengths(given, others)}
+        stems = [stem for stem in _LENGTH_STEMS if stem in known and stem not in defaults]
+        lengths: dict[int, Value] = dict(given.get("DIM", {}))
+        for stem in stems:
+            for source, target, factor in _LENGTH_STEMS[stem]:
+                if target not in lengths and source in given.get(stem, {}):
+                    lengths[target] = factor * float(given[stem][source])
+        return stated | {"DIM": lengths}
     if "DIM" in known and len(given.get("DIM", {})) >= 2:
-        return _corner_marking_bar_centers(given["DIM"]) | {stem: row for stem, row in stated.items() if row}
+        size = given["DIM"]
+        x, y = (float(size[axis]) / 2 + STROKE_WIDTH / 2 for axis in (0, 1))
+        back = (STROKE_LENGTH - STROKE_WIDTH) / 2
+        return {"DIMX": {0: x - back, 1: x}, "DIMY": {0: y, 1: y - back}} | {
+            stem: row for stem, row in stated.items() if row
+        }
     return stated
 
 
 def fill_template(text: str, replace: Values, defaults: Mapping[str, Sequence[Value]] | None = None) -> str:
     """The URDF text of a template with its placeholders replaced.
 
-    ``{"DIM": (x, y, z)}`` puts x for ``DIM0``, y for ``DIM1``, z for ``DIM2``; a placeholder without a number is
-    the first. What ``replace`` leaves out comes from ``defaults`` (none: nothing does); ``HALF`` (half of ``DIM``) and
-    ``INSET`` (``HALF`` less half a wall) follow from ``DIM`` unless they are given.
+    ``{"DIM": (x, y, z)}`` puts x for ``DIM0``, y for ``DIM1``, z for ``DIM2``; a placeholder without a number is the
+    first. Missing values come from ``defaults``, if given; ``HALF`` (half of ``DIM``) and ``INSET`` (``HALF`` less half
+    a wall) follow from ``DIM`` unless they are given.
 
     Raises:
         InputError: a value is not a finite number, a colour or a file name, or a placeholder has no value.
@@ -113,23 +123,11 @@ def fill_template(text: str, replace: Values, defaults: Mapping[str, Sequence[Va
     lengths = [float(value) for value in values.get("DIM", ())]
     insets = tuple(max(0.0, length - WALL) / 2 for length in lengths)
     derived: Filled = {"HALF": tuple(length / 2 for length in lengths), "INSET": insets}
-    return _substitute_placeholders(text, derived | values)
-
-
-def _explicit_half_extents(given: Given, values: Defaults, known: Collection[str]) -> Filled:
-    """A ``HALF`` of its own: three-sided squares set their lines back by half a line."""
-    if "HALF" not in known or "HALF" in values or not {"HALF", "DIM"} <= set(given):
-        return {}
-    halves = [float(value) / 2 for value in values["DIM"]]
-    own = [float(given["HALF"].get(index, half)) for index, half in enumerate(halves)]
-    return {} if np.allclose(own, halves, atol=1e-7) else {"HALF": tuple(own)}
-
-
-def _substitute_placeholders(text: str, values: Mapping[str, Sequence[Value]]) -> str:
+    merged = derived | values
     left: set[str] = set()
 
     def word(match: re.Match[str]) -> str:
-        row, index = values.get(match.group(1), ()), int(match.group(2) or 0)
+        row, index = merged.get(match.group(1), ()), int(match.group(2) or 0)
         if index >= len(row):
             left.add(match.group(0))
             return match.group(0)
@@ -142,40 +140,32 @@ def _substitute_placeholders(text: str, values: Mapping[str, Sequence[Value]]) -
     return filled
 
 
-def _collect_dim_lengths(given: Mapping[str, Mapping[int, Value]], others: Sequence[str]) -> dict[int, Value]:
-    lengths: dict[int, Value] = dict(given.get("DIM", {}))
-    for stem in others:
-        for source, target, factor in _LENGTH_STEMS[stem]:
-            if target not in lengths and source in given.get(stem, {}):
-                lengths[target] = factor * float(given[stem][source])
-    return lengths
-
-
-def _corner_marking_bar_centers(size: Mapping[int, Value]) -> dict[str, dict[int, Value]]:
-    """The centres of the strokes around the (+x, +y) corner of a box of this size."""
-    x, y = (float(size[axis]) / 2 + STROKE_WIDTH / 2 for axis in (0, 1))
-    back = (STROKE_LENGTH - STROKE_WIDTH) / 2
-    return {"DIMX": {0: x - back, 1: x}, "DIMY": {0: y, 1: y - back}}
+def _explicit_half_extents(given: Given, values: Defaults, known: Collection[str]) -> Filled:
+    """A ``HALF`` of its own: three-sided squares set their lines back by half a line."""
+    if "HALF" not in known or "HALF" in values or not {"HALF", "DIM"} <= set(given):
+        return {}
+    halves = [float(value) / 2 for value in values["DIM"]]
+    explicit = [float(given["HALF"].get(index, half)) for index, half in enumerate(halves)]
+    return {} if np.allclose(explicit, halves, atol=1e-7) else {"HALF": tuple(explicit)}
 
 
 def _parse_placeholder_value(stem: str, value: Sequence[Value] | float | str, count: int) -> Row:
     bare = isinstance(value, str | float | int) or np.ndim(value) == 0
     words: list[object] = [value] if bare else list(cast(Sequence[object], value))
     if stem == "FNAME" and words:
-        return [_parse_file_name(words[0])]
+        word = words[0]
+        file = PurePosixPath(str(word).replace("\\", "/")).name
+        if not _FILE_NAME.fullmatch(file):
+            raise InputError(
+                f"template value FNAME is {str(word)[:80]!r}", "give the name of a mesh file, as in '03.obj'"
+            )
+        return [file]
     if stem == "COLOR" and len(words) == 1 and isinstance(words[0], str):
         if words[0] not in COLORS:
             raise UnknownNameError("color", words[0], COLORS)
         return list(COLORS[words[0]])
     numbers: Row = [_parse_number(stem, index, word) for index, word in enumerate(words)]
     return numbers * count if bare and not isinstance(value, str) else numbers
-
-
-def _parse_file_name(value: object) -> str:
-    name = PurePosixPath(str(value).replace("\\", "/")).name
-    if not _FILE_NAME.fullmatch(name):
-        raise InputError(f"template value FNAME is {str(value)[:80]!r}", "give the name of a mesh file, as in '03.obj'")
-    return name
 
 
 def _parse_number(stem: str, index: int, value: object) -> float:

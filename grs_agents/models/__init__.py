@@ -1,1 +1,1 @@
-"""Chat models: one seam for intelligence, from the embedded ``offline`` model to any provider."""
+"""Chat models, from the embedded ``offline`` model to any provider."""

@@ -1,17 +1,19 @@
-"""What a model answered, as far as GRS uses it, and why an answer cannot be used."""
+"""The answer of a model, as far as GRS uses it, and the reasons why an answer cannot be used."""
 
+import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 from grs_agents.base.errors import GrsError
 from grs_agents.models.key_redaction import redact_keys
-from grs_agents.models.reasoning import measure_reasoning, reasoning_remedy
 
 if TYPE_CHECKING:
     from langchain_core.messages import AIMessage
 
+Json = dict[str, Any]
 _SPELLINGS = (
     *("finish_reason", "stop_reason", "done_reason", "stopReason", "finishReason", "completionReason"),
     "status",
@@ -33,14 +35,24 @@ _REFUSED = frozenset(
     {"refusal", "content_filter", "content_filtered", "guardrail_intervened", "safety", "prohibited_content"}
     | {"blocklist", "recitation", "spii", "language", "model_armor", "image_safety", "error_toxic", "sensitive"}
 )
-"""The names that providers have for a reply that is not whole, in lower case. All others are whole: servers write
-`stop`, `end_turn`, `eos_token`, `COMPLETE`, `endoftext` or what they like."""
+"""Finish reasons of incomplete replies, by provider, in lower case. All others are complete: servers write `stop`,
+`end_turn`, `eos_token`, `COMPLETE`, `endoftext` and more."""
 _MOST_TOKENS = 2**53
 ASKED = "grs_asked"
-"""Where a message's metadata tell which of several models answered, and which had failed."""
+"""Key of a message's metadata that names the model that answered, and those that had failed before."""
+_REASONING_FIELDS = ("reasoning_content", "reasoning", "thinking")
+"""Beside the content of a message: vLLM, SGLang, llama.cpp and DeepSeek; newer vLLM and OpenRouter; Ollama."""
+_REASONING_BLOCKS = ("thinking", "reasoning", "reasoning_content")
+"""Types of content blocks: Anthropic, Google and Mistral; OpenAI; Bedrock."""
+_REASONING_TEXTS = ("text", "thinking", "reasoning", "reasoning_content", "summary")
+"""Keys of such a block that hold text, or blocks of text."""
+_PARSER_REMEDY = (
+    "start the server without its reasoning parser (vLLM and SGLang: --reasoning-parser, llama.cpp: --reasoning-format "
+    "none), or switch thinking off: models.<role>.arguments.extra_body.chat_template_kwargs.enable_thinking=false"
+)
 
 ReplyKind = Literal["empty", "refusal", "length", "unfinished", "malformed"]
-"""``unfinished``: no finish reason, or that of an error; ``malformed``: what was written is no text."""
+"""``unfinished``: no finish reason, or that of an error; ``malformed``: the reply is not valid text."""
 FailureKind = Literal[
     "unreachable",  # no connection could be made
     "broken_off",  # the connection ended in the middle of an answer
@@ -48,12 +60,12 @@ FailureKind = Literal[
     "rate_limit",  # asked too often
     "server_error",  # the provider's own trouble
     "credentials",  # the key is not accepted, or may not use this model
-    "quota",  # nothing is left of what was paid for
+    "quota",  # the account is used up
     "not_found",  # no such model or endpoint
     "redirected",  # to another server, which is not asked
     "prompt_too_long",
     "refused_request",  # for another reason
-    "malformed",  # the answer is not what the provider's protocol says
+    "malformed",  # the answer breaks the provider's protocol
     "too_long",  # the answer is larger than any reply
     "client_error",  # the client's package failed before anything was asked
 ]
@@ -61,25 +73,25 @@ FailureKind = Literal[
 
 @dataclass(frozen=True)
 class Answer:
-    """One reply."""
+    """A model's reply."""
 
-    text: str  # what the model wrote
+    text: str
     reasoning: int = 0  # characters that the server, or its client, set apart as the model's reasoning
-    reasoning_field: str = ""  # where it put them, such as `reasoning_content`
-    finish_reason: str = ""  # why it ended, in the provider's words; empty where it does not tell
-    refusal: str = ""  # why the model refuses, where the provider tells that apart from the text
-    encodable: bool = True  # whether UTF-8 can hold what the model wrote
-    # input_tokens, output_tokens, cached_tokens: as the provider counts; 0 where it does not tell
+    reasoning_field: str = ""  # that holds them, such as `reasoning_content`
+    finish_reason: str = ""  # in the provider's words; empty if not given
+    refusal: str = ""  # why the model refuses, if the provider separates that from the text
+    encodable: bool = True  # in UTF-8
+    # input_tokens, output_tokens, cached_tokens: as the provider counts; 0 if not given
     input_tokens: int = 0
     output_tokens: int = 0
     cached_tokens: int = 0
-    cost: float | None = None  # US dollars; None where the provider does not tell
-    model: str = ""  # which of several models answered; empty where there is one
-    failed: tuple[str, ...] = ()  # those asked before it, each with what went wrong
+    cost: float | None = None  # US dollars; None if not given
+    model: str = ""  # that answered, out of several; empty for a single model
+    failed: tuple[str, ...] = ()  # models asked before it, each with its error
 
 
 class ProviderFailure(GrsError):
-    """No reply arrived: the provider, not the model, is at fault, so telling the model what is wrong cannot help."""
+    """No reply arrived: the provider, not the model, is at fault, so a correction sent to the model cannot help."""
 
     def __init__(
         self,
@@ -91,12 +103,12 @@ class ProviderFailure(GrsError):
     ) -> None:
         super().__init__(message, remedy)
         self.kind: FailureKind = kind
-        self.retryable = retryable  # whether the same may go well a little later
-        self.retry_after = retry_after  # seconds that the provider wants to be left alone; None where it says nothing
+        self.retryable = retryable  # whether the same request may succeed a little later
+        self.retry_after = retry_after  # seconds that the provider asks to wait; None if not given
 
 
 class ReplyProblem(GrsError):
-    """A reply that arrived but cannot be used; asking again may help. ``answer`` is what could be read of it."""
+    """A reply that arrived but cannot be used; asking again may help. ``answer`` is its readable part."""
 
     def __init__(self, kind: ReplyKind, message: str, remedy: str = "", answer: Answer | None = None) -> None:
         super().__init__(message, remedy)
@@ -105,7 +117,7 @@ class ReplyProblem(GrsError):
 
 
 def answer_from_message(message: "AIMessage", body: bytes = b"") -> Answer:
-    """What ``message`` holds, without keys. A client may have left out a part of the ``body`` that the server sent."""
+    """Read ``message``, with keys removed; ``body``, as the server sent it, may hold fields that the client dropped."""
     text, usage = str(message.text), message.usage_metadata
     metadata: Mapping[str, Any] = message.response_metadata
     reason = next((metadata[name] for name in _SPELLINGS if metadata.get(name)), "")
@@ -114,7 +126,12 @@ def answer_from_message(message: "AIMessage", body: bytes = b"") -> Answer:
     if isinstance(details := metadata.get("incomplete_details"), Mapping):  # OpenAI's Responses API
         reason = cast("Mapping[str, Any]", details).get("reason") or reason
     field, reasoning = ("", 0) if text.strip() else measure_reasoning(message, body)
-    asked: Mapping[str, Any] = metadata.get(ASKED, {})
+    fallback: Mapping[str, Any] = metadata.get(ASKED, {})
+    token_usage = metadata.get("token_usage")
+    value = cast(Mapping[str, Any], token_usage).get("cost") if isinstance(token_usage, Mapping) else None
+    cost = None
+    with suppress(OverflowError):  # a whole number beyond every float
+        cost = float(value) if isinstance(value, int | float) and math.isfinite(value) else None
     return Answer(
         text=redact_keys(text),
         reasoning=reasoning,
@@ -125,36 +142,42 @@ def answer_from_message(message: "AIMessage", body: bytes = b"") -> Answer:
         input_tokens=_valid_token_count(usage["input_tokens"]) if usage else 0,
         output_tokens=_valid_token_count(usage["output_tokens"]) if usage else 0,
         cached_tokens=_valid_token_count(usage.get("input_token_details", {}).get("cache_read", 0)) if usage else 0,
-        cost=_cost_from_metadata(metadata),
-        model=asked.get("model", ""),
-        failed=tuple(asked.get("failed", ())),
+        cost=cost,
+        model=fallback.get("model", ""),
+        failed=tuple(fallback.get("failed", ())),
     )
 
 
 def require_complete_answer(answer: Answer) -> Answer:
-    """``answer`` if it is whole, else a ``ReplyProblem`` is raised."""
+    """Return ``answer``. Raises ReplyProblem: it is incomplete."""
     reason = answer.finish_reason.rpartition(".")[2].lower().replace("-", "_")  # also FinishReason.MAX_TOKENS
     apart = (
         f": the server put {answer.reasoning:,} characters into {answer.reasoning_field}" if answer.reasoning else ""
     )
     if answer.refusal or reason in _REFUSED:
-        what = f"the model refused to answer: {answer.refusal or answer.finish_reason}"
-        raise ReplyProblem("refusal", what, "rephrase the prompt", answer)
+        message = f"the model refused to answer: {answer.refusal or answer.finish_reason}"
+        raise ReplyProblem("refusal", message, "rephrase the prompt", answer)
     if reason in _CUT_OFF:
-        what = f"the reply was cut off after {len(answer.text)} characters{apart}"
-        raise ReplyProblem("length", what, "raise models.<role>.max_tokens", answer)
+        message = f"the reply was cut off after {len(answer.text)} characters{apart}"
+        raise ReplyProblem("length", message, "raise models.<role>.max_tokens", answer)
     if reason in _BROKEN_OFF:
-        what = f"the reply has finish reason {answer.finish_reason}, so it may be cut off"
-        raise ReplyProblem("unfinished", what, "ask again", answer)
+        message = f"the reply has finish reason {answer.finish_reason}, so it may be cut off"
+        raise ReplyProblem("unfinished", message, "ask again", answer)
     if not answer.text.strip():
-        what = f"the reply is empty (finish reason {answer.finish_reason or 'missing'}){apart}"
-        remedy = reasoning_remedy(answer.reasoning_field) if answer.reasoning else "ask again"
-        raise ReplyProblem("empty", what, remedy, answer)
+        remedy = "ask again"
+        if answer.reasoning_field == "thinking":
+            remedy = "switch thinking off: models.<role>.arguments.reasoning=false"
+        elif answer.reasoning_field in _REASONING_FIELDS:
+            remedy = _PARSER_REMEDY
+        elif answer.reasoning:
+            remedy = "raise models.<role>.max_tokens, or ask for less thinking"
+        message = f"the reply is empty (finish reason {answer.finish_reason or 'missing'}){apart}"
+        raise ReplyProblem("empty", message, remedy, answer)
     if not answer.encodable:
         raise ReplyProblem("malformed", "the reply holds half a surrogate pair, which is no text", "ask again", answer)
     if not reason:
-        what = "the reply has no finish reason, so it may be cut off"
-        raise ReplyProblem("unfinished", what, "ask again", answer)
+        message = "the reply has no finish reason, so it may be cut off"
+        raise ReplyProblem("unfinished", message, "ask again", answer)
     return answer
 
 
@@ -162,10 +185,51 @@ def _valid_token_count(count: int | None) -> int:
     return count if count is not None and 0 <= count < _MOST_TOKENS else 0
 
 
-def _cost_from_metadata(metadata: Mapping[str, Any]) -> float | None:
-    usage = metadata.get("token_usage")
-    cost = cast(Mapping[str, Any], usage).get("cost") if isinstance(usage, Mapping) else None
+def measure_reasoning(message: "AIMessage", body: bytes) -> tuple[str, int]:
+    """Find reasoning in ``message``, else in the JSON ``body`` that the server sent.
+
+    Clients drop the fields that are not their provider's own.
+
+    Returns:
+        Its field and length in characters; an empty field and 0 if there is none.
+    """
+    for name in _REASONING_FIELDS:
+        if length := _text_length(message.additional_kwargs.get(name)):
+            return name, length
+    blocks = [block for block in message.content if isinstance(block, dict)]
+    for name in _REASONING_BLOCKS:
+        if length := sum(_text_length(block) for block in blocks if block.get("type") == name):
+            return f"blocks of the type {name}", length
+    sent = list(_messages_in_body(body))
+    for name in _REASONING_FIELDS:
+        if length := sum(_text_length(part.get(name)) for part in sent):
+            return name, length
+    return "", 0
+
+
+def _text_length(value: Any) -> int:
+    if isinstance(value, str):
+        return len(value)
+    if isinstance(value, Mapping):
+        return sum(_text_length(cast("Mapping[str, Any]", value).get(name)) for name in _REASONING_TEXTS)
+    return sum(map(_text_length, cast("list[Any]", value))) if isinstance(value, list) else 0
+
+
+def _messages_in_body(body: bytes) -> Iterator[Mapping[str, Any]]:
+    """The messages of a JSON document, of JSON lines, or of a stream of events."""
+    whole = _parse_json_object(body)
+    for answer in [whole] if whole else map(_parse_json_object, body.splitlines()):
+        choices = answer.get("choices")
+        for holder in (answer, *(cast("list[Any]", choices) if isinstance(choices, list) else ())):
+            parts = (
+                (cast("Json", holder).get(name) for name in ("message", "delta")) if isinstance(holder, dict) else ()
+            )
+            yield from (cast("Json", part) for part in parts if isinstance(part, dict))
+
+
+def _parse_json_object(text: bytes) -> Json:
     try:
-        return float(cost) if isinstance(cost, int | float) and math.isfinite(cost) else None
-    except OverflowError:  # a whole number beyond every float
-        return None
+        value: Any = json.loads(text.removeprefix(b"data:"))
+    except (ValueError, RecursionError):
+        return {}
+    return cast("Json", value) if isinstance(value, dict) else {}

@@ -17,9 +17,8 @@ from grs_agents.base import content
 from grs_agents.base.config.schema import ModelChoice, ModelConfig
 from grs_agents.base.errors import ConfigError
 from grs_agents.base.plugins import broken_class_error, load_named_class
+from grs_agents.models.call import Retries, limit_and_record_http_client
 from grs_agents.models.key_redaction import redact_keys, register_key_variable
-from grs_agents.models.reply_limits import limit_and_record_http_client
-from grs_agents.models.retry import Retries
 
 if TYPE_CHECKING:
     from langchain_core.language_models.chat_models import BaseChatModel
@@ -28,11 +27,7 @@ OFFLINE = "offline"
 ENTRY_POINTS = "grs_agents.models"
 """The group of entry points for models of other packages."""
 PLACEHOLDER_KEY = "not-needed"
-"""Stands for the key where a server on this machine needs none."""
-
-
-def _timeout_in_seconds(seconds: float) -> dict[str, Any]:
-    return {"timeout": seconds}
+"""Key for a server on this machine that needs none."""
 
 
 def _timeout_in_whole_seconds(seconds: float) -> dict[str, Any]:
@@ -41,7 +36,7 @@ def _timeout_in_whole_seconds(seconds: float) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Provider:
-    """How one provider's LangChain client is made."""
+    """Construction of a provider's LangChain client."""
 
     module: str  # the package to import
     model_class: str  # the chat model in it
@@ -56,18 +51,20 @@ class Provider:
     model_argument: str = "model"
     url_argument: str = "base_url"
     length_argument: str = "max_tokens"
-    timeout: Callable[[float], Mapping[str, Any]] = _timeout_in_seconds  # the arguments for a timeout in seconds
+    timeout: Callable[[float], Mapping[str, Any]] = lambda seconds: {
+        "timeout": seconds
+    }  # the arguments for a timeout in seconds
     # further arguments; the client's own retries are switched off, ours are in `retry`
     defaults: Mapping[str, Any] = field(default_factory=lambda: {"max_retries": 0})
     by_line: bool = False  # whether each line of a reply is a JSON document of its own
     variables: tuple[str, ...] = ()  # further environment variables that its client reads
     constructor: str = ""  # the class method that makes the model; empty for the class itself
     url: str = ""  # the endpoint where the configuration names none; empty for the client's own
-    cleared: str = ""  # what is set to None in the model once it is made
+    cleared: str = ""  # attribute of the model that is set to None after construction
 
     @property
     def install_command(self) -> str:
-        """What installs the package."""
+        """Command that installs the package."""
         package = self.module.partition(".")[0].replace("_", "-")
         return f'pip install "grs-agents[{self.extra}]"' if self.extra else f"pip install {package}"
 
@@ -248,7 +245,7 @@ PROVIDERS: Mapping[str, Provider] = {
         "client.sdk_configuration.client",
         "OPENROUTER_API_KEY",
         timeout=lambda seconds: {"timeout": ceil(1000 * seconds)},
-        cleared="client.sdk_configuration.retry_config",  # it retries for an hour where it is told of no retries
+        cleared="client.sdk_configuration.retry_config",  # without this it retries for an hour
     ),
     "perplexity": Provider("langchain_perplexity", "ChatPerplexity", "client._client", "PPLX_API_KEY", url_argument=""),
     "together": Provider("langchain_together", "ChatTogether", "client._client._client", "TOGETHER_API_KEY"),
@@ -295,37 +292,52 @@ def _make_single_model(choice: ModelChoice, seed: int) -> "BaseChatModel":
     if not colon or not model.strip():
         raise ConfigError(f"model {choice.model!r} names no model of {name}", f"write {name}:NAME")
     provider = PROVIDERS[name]
-    make = _import_client_class(provider, choice.model)
+    try:
+        make: Any = getattr(import_module(provider.module), provider.model_class)
+    except ImportError as error:
+        what = f"model {choice.model!r} needs the package {provider.module.partition('.')[0]}, which is not installed"
+        raise ConfigError(what, f"run: {provider.install_command}") from error
+    make = getattr(make, provider.constructor) if provider.constructor else make
+    settings: dict[str, Any] = dict(provider.timeout(choice.timeout))
+    for key, argument in (
+        ("base_url", provider.url_argument),
+        ("temperature", "temperature"),
+        ("max_tokens", provider.length_argument),
+    ):
+        value = getattr(choice, key) or (provider.url if key == "base_url" else None)
+        if value is None or value == "":
+            continue
+        if not argument:
+            what = f"models.<role>.{key} is not passed on to {choice.model!r}: {provider.model_class} takes none"
+            raise ConfigError(what, "leave it out")
+        settings[argument] = value
     ours = {
         **provider.defaults,
         provider.model_argument: model.strip(),
         **_api_key_argument(provider, choice),
-        **_build_client_arguments(provider, choice),
+        **settings,
     }
     if taken := sorted(choice.arguments.keys() & ours.keys()):
         raise ConfigError(f"models.<role>.arguments holds {taken[0]}, which GRS sets itself", "leave it out")
     try:
-        made = cast("BaseChatModel", make(**ours, **choice.arguments))
+        chat_model = cast("BaseChatModel", make(**ours, **choice.arguments))
         if provider.cleared:
             holder, _, name = provider.cleared.rpartition(".")
-            setattr(attrgetter(holder)(made), name, None)
+            setattr(attrgetter(holder)(chat_model), name, None)
         if provider.http_client:
-            limit_and_record_http_client(attrgetter(provider.http_client)(made), provider.by_line)
+            limit_and_record_http_client(attrgetter(provider.http_client)(chat_model), provider.by_line)
     except Exception as error:  # each package raises its own
-        said = redact_keys(_describe_construction_error(error)) or type(error).__name__
+        text = str(error).partition("\n")[0]
+        if isinstance(error, ValidationError):  # its own text repeats the arguments, a key cut in two among them
+            faults = [f"{'.'.join(map(str, fault['loc']))} {fault['msg']}".strip() for fault in error.errors()]
+            text = "; ".join(faults)
+        said = redact_keys(text) or type(error).__name__
         raise ConfigError(f"model {choice.model!r} cannot be made: {said}", "see `grs doctor`") from error
-    return made
-
-
-def _describe_construction_error(error: Exception) -> str:
-    """What is wrong, without the arguments: pydantic repeats these, a key cut in two among them."""
-    if isinstance(error, ValidationError):
-        return "; ".join(f"{'.'.join(map(str, one['loc']))} {one['msg']}".strip() for one in error.errors())
-    return str(error).partition("\n")[0]
+    return chat_model
 
 
 def _make_user_defined_model(choice: ModelChoice) -> "BaseChatModel":
-    """A model of the user's own class (``Model`` where it is a content file), made with the configured arguments."""
+    """Make a model of the user's own class (``Model`` in a content file) with the configured arguments."""
     name = choice.model
     near = get_close_matches(name.partition(":")[0], PROVIDERS)
     listed = [provider for provider in PROVIDERS if provider in _COMMON or provider in near]
@@ -339,14 +351,14 @@ def _make_user_defined_model(choice: ModelChoice) -> "BaseChatModel":
     if choice.key_variable:
         register_key_variable(choice.key_variable)
     try:
-        made = make(**choice.arguments)
-    except Exception as error:  # whatever the user's own code raises
+        chat_model = make(**choice.arguments)
+    except Exception as error:  # of the user's own code
         raise broken_class_error("model", name, error) from error
     from langchain_core.language_models.chat_models import BaseChatModel
 
-    if not isinstance(made, BaseChatModel):
+    if not isinstance(chat_model, BaseChatModel):
         raise ConfigError(f"model {name!r} is no LangChain chat model", "derive it from BaseChatModel")
-    return made
+    return chat_model
 
 
 def list_model_variables(models: Iterable[ModelConfig]) -> frozenset[str]:
@@ -360,7 +372,7 @@ def list_model_variables(models: Iterable[ModelConfig]) -> frozenset[str]:
 
 
 def is_provider_installed(provider: str) -> bool:
-    """Whether the package that ``provider`` needs can be imported."""
+    """Whether the package of ``provider`` can be imported."""
     try:
         import_module(PROVIDERS[provider].module)
     except ImportError:
@@ -369,7 +381,7 @@ def is_provider_installed(provider: str) -> bool:
 
 
 def is_offline(model: str) -> bool:
-    """Whether ``model`` is the embedded one, with mistakes or without."""
+    """Whether ``model`` is the embedded model, with mistakes or without."""
     return model.partition(":")[0] == OFFLINE
 
 
@@ -380,15 +392,6 @@ def is_loopback_url(url: str | None) -> bool:
         return host == "localhost" or ipaddress.ip_address(host).is_loopback
     except ValueError:
         return False
-
-
-def _import_client_class(provider: Provider, model: str) -> Any:
-    try:
-        found = getattr(import_module(provider.module), provider.model_class)
-    except ImportError as error:
-        what = f"model {model!r} needs the package {provider.module.partition('.')[0]}, which is not installed"
-        raise ConfigError(what, f"run: {provider.install_command}") from error
-    return getattr(found, provider.constructor) if provider.constructor else found
 
 
 def _api_key_argument(provider: Provider, config: ModelChoice) -> dict[str, str]:
@@ -406,20 +409,3 @@ def _api_key_argument(provider: Provider, config: ModelChoice) -> dict[str, str]
             f"set {variable}, or name another variable with models.<role>.key_variable",
         )
     return {provider.key_argument: key}
-
-
-def _build_client_arguments(provider: Provider, config: ModelChoice) -> dict[str, Any]:
-    settings: dict[str, Any] = dict(provider.timeout(config.timeout))
-    for key, argument in (
-        ("base_url", provider.url_argument),
-        ("temperature", "temperature"),
-        ("max_tokens", provider.length_argument),
-    ):
-        value = getattr(config, key) or (provider.url if key == "base_url" else None)
-        if value is None or value == "":
-            continue
-        if not argument:
-            what = f"models.<role>.{key} is not passed on to {config.model!r}: {provider.model_class} takes none"
-            raise ConfigError(what, "leave it out")
-        settings[argument] = value
-    return settings

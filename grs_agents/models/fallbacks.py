@@ -1,4 +1,4 @@
-"""Several models for one role: the next is asked where one fails after its retries."""
+"""Several models for a role: the next is asked if a model fails after its retries."""
 
 from typing import Any
 
@@ -8,20 +8,15 @@ from langchain_core.messages import BaseMessage
 from langchain_core.outputs import ChatGeneration, ChatResult
 from pydantic import PrivateAttr
 
-from grs_agents.models.answer import (
-    ASKED,
-    ProviderFailure,
-    ReplyProblem,
-    require_complete_answer,
-)
-from grs_agents.models.retry import Retries, request_message
+from grs_agents.models.answer import ASKED, ProviderFailure, ReplyProblem, require_complete_answer
+from grs_agents.models.call import Retries, request_message
 
 _FOR_GOOD = ("unreachable", "credentials", "quota", "not_found", "redirected")
-"""What does not mend itself within a run: such a model is passed over from then on."""
+"""Failures that last for a run: such a model is skipped from then on."""
 
 
 class FallbackChatModel(BaseChatModel):
-    """Asks its models in turn until one gives a usable reply; the reply's metadata tell which did, and who failed."""
+    """Asks its models in turn until a reply is usable; the reply's metadata name the model, and those that failed."""
 
     names: tuple[str, ...]
     models: tuple[BaseChatModel, ...]
@@ -40,11 +35,11 @@ class FallbackChatModel(BaseChatModel):
         run_manager: CallbackManagerForLLMRun | None = None,
         **kwargs: Any,
     ) -> ChatResult:
-        """The first usable reply. Raises as ``invoke_with_retries`` does: what went wrong with the last model."""
+        """The first usable reply. Raises as ``invoke_with_retries`` does, for the last model."""
         numbers = range(len(self.models))
         failed: list[str] = []
         last: ProviderFailure | ReplyProblem = ProviderFailure("client_error", "there is no model to ask")
-        for number in [one for one in numbers if one not in self._given_up] or numbers:
+        for number in [number for number in numbers if number not in self._given_up] or numbers:
             try:
                 message, answer = request_message(self.models[number], messages, self.retries[number])
                 require_complete_answer(answer)
@@ -54,9 +49,10 @@ class FallbackChatModel(BaseChatModel):
                 if failure.kind in _FOR_GOOD:
                     self._given_up.add(number)
                 continue
-            asked = {"model": self.names[number], "failed": failed}
-            told = message.model_copy(update={"response_metadata": {**message.response_metadata, ASKED: asked}})
-            return ChatResult(generations=[ChatGeneration(message=told)])
+            fallback = {"model": self.names[number], "failed": failed}
+            metadata = {**message.response_metadata, ASKED: fallback}
+            reply = message.model_copy(update={"response_metadata": metadata})
+            return ChatResult(generations=[ChatGeneration(message=reply)])
         if isinstance(last, ReplyProblem):
             raise ReplyProblem(last.kind, "; ".join(failed), last.remedy, last.answer) from last
         raise ProviderFailure(last.kind, "; ".join(failed), last.remedy) from last

@@ -1,4 +1,4 @@
-"""The keys that this process may send to providers, kept out of all that a provider says."""
+"""Redaction: the keys that this process may send to providers are kept out of all text from providers."""
 
 import os
 
@@ -10,17 +10,17 @@ _variables = {"OLLAMA_API_KEY", "AWS_SESSION_TOKEN", "AWS_BEARER_TOKEN_BEDROCK"}
 
 
 def register_key_variable(variable: str) -> None:
-    """From now on the environment variable of this name is known to hold a key."""
+    """Register an environment variable as the holder of a key."""
     _variables.add(variable)
 
 
 def redact_keys(text: str) -> str:
-    """What a provider said, without the keys that this process knows, and as text that UTF-8 can hold.
+    """Remove from a provider's text the keys that this process knows, and replace text that UTF-8 cannot encode.
 
     Every text that comes from a provider, errors included, passes here before anything else is done with it.
     """
     keys = {os.environ.get(name, "").strip() for name in _variables}
-    for key in sorted(keys, key=len, reverse=True):  # one may be the beginning of another
+    for key in sorted(keys, key=len, reverse=True):  # a key may be a prefix of another
         if len(key) >= _SHORTEST:
             text = text.replace(key, REMOVED)
     return text.encode("utf-8", "replace").decode("utf-8")

@@ -1,4 +1,4 @@
-"""Pictures for models: the photo with segments outlined and numbered, crops side by side, the photo with names."""
+"""Annotated pictures for models: outlined and numbered segments, sheets of crops, names of objects."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -12,7 +12,7 @@ from grs_agents.perception.picture_files import load_mask, write_png
 from grs_agents.perception.types import Array, CandidateRecord, Mask, RGBDFrame
 
 MARK, OTHERS = (255, 0, 255), (255, 255, 255)
-"""Outlines of the segments that are asked about, and of the others."""
+"""Colours of the outlines of the queried segments, and of the others."""
 SHOWN_SIDE = 1024
 NAMED = "scene/named.png"
 """The photo with the names of its objects, in the run folder."""
@@ -20,48 +20,48 @@ _TILE = 256
 _ASIDE = np.array(
     [(0, 0)] + [(x * far / 2, y * far) for far in range(1, 12) for x, y in ((0, -1), (0, 1), (-1, -1), (1, 1))]
 )
-"""Where a label may stand, in half its width and height from its place."""
+"""Candidate offsets of a label from its place, in half its width and height."""
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 
 def outlined_segment_file_name(number: int) -> str:
-    """The file, in the run folder, of the photo in which the segment ``number`` is outlined."""
+    """The file, in the run folder, of the photo with segment ``number`` outlined."""
     return f"scene/marked_{number:02d}.png"
 
 
 def write_outlines(
     frame: RGBDFrame, asked: Sequence[CandidateRecord], records: Sequence[CandidateRecord], run: Path
 ) -> None:
-    """Write for each segment that is asked about the photo with its outline, and the outlines and numbers of all."""
+    """Write a photo for each segment ``asked`` about, with its outline, and outlines and numbers of all ``records``."""
     picture, outlines = _draw_numbered_outlines(frame, records, run)
-    for one in asked:
+    for record in asked:
         marked = picture.copy()
         for color, width in (((0, 0, 0), 4), (MARK, 2)):
-            cv2.drawContours(marked, outlines[one.id], -1, color, width)
-        write_png(run / outlined_segment_file_name(one.id), marked)
+            cv2.drawContours(marked, outlines[record.id], -1, color, width)
+        write_png(run / outlined_segment_file_name(record.id), marked)
 
 
 def segment_sheet_file_names(first: int) -> tuple[str, str]:
-    """The files, in the run folder, of the crops side by side and of the photo with numbers, by the first segment."""
+    """The files, in the run folder, of the sheet of crops and of the numbered photo, by the first segment."""
     return f"scene/sheet_{first:02d}.png", f"scene/numbered_{first:02d}.png"
 
 
 def write_segment_sheet(
     frame: RGBDFrame, asked: Sequence[CandidateRecord], records: Sequence[CandidateRecord], run: Path
 ) -> None:
-    """Write the pictures for a question about several segments at once."""
+    """Write the sheet of crops and the numbered photo for a query about several segments."""
     crops, numbered = segment_sheet_file_names(asked[0].id)
     write_png(run / numbered, _draw_numbered_outlines(frame, records, run)[0])
     columns = int(np.ceil(len(asked) ** 0.5))
     sheet = np.zeros((-(-len(asked) // columns) * _TILE, columns * _TILE, 3), np.uint8)
     places: dict[str, Array] = {}
-    for index, one in enumerate(asked):
-        crop = read_picture(run / one.crop, cv2.IMREAD_COLOR)
+    for index, record in enumerate(asked):
+        crop = read_picture(run / record.crop, cv2.IMREAD_COLOR)
         scale = _TILE / max(crop.shape[:2])
         tile = cv2.resize(crop, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)[:_TILE, :_TILE]
         row, column = index // columns * _TILE, index % columns * _TILE
         sheet[row : row + tile.shape[0], column : column + tile.shape[1]] = tile
-        places[str(one.id)] = np.array([column + 20.0, row + 16.0])
+        places[str(record.id)] = np.array([column + 20.0, row + 16.0])
     _draw_labels(sheet, places, 0.7)
     write_png(run / crops, sheet)
 
@@ -71,7 +71,7 @@ def _draw_numbered_outlines(
 ) -> tuple[Any, dict[int, Any]]:
     """The photo with outlines and numbers of all segments, and the outlines by number."""
     picture, scale = _resize_for_model(frame, enlarge=False)
-    masks = {one.id: load_mask(run / one.mask) for one in records}
+    masks = {record.id: load_mask(run / record.mask) for record in records}
     outlines = {number: _find_outlines(mask, scale) for number, mask in masks.items()}
     cv2.drawContours(picture, [line for lines in outlines.values() for line in lines], -1, OTHERS, 1)
     _draw_labels(picture, {str(number): _find_label_place(mask) * scale for number, mask in masks.items()}, 0.5)
@@ -79,7 +79,7 @@ def _draw_numbered_outlines(
 
 
 def draw_object_names(frame: RGBDFrame, masks: Mapping[str, Mask], run: Path) -> str:
-    """Write ``scene/named.png``, the photo with the name of each object at its place; returns that name."""
+    """Write ``scene/named.png``, the photo with the name of each object at its place; returns the file's name."""
     picture, scale = _resize_for_model(frame, enlarge=True)
     _draw_labels(picture, {name: _find_label_place(mask) * scale for name, mask in masks.items() if mask.any()}, 0.45)
     write_png(run / NAMED, picture)
@@ -100,11 +100,12 @@ def draw_numbered_regions(frame: RGBDFrame, owned: Mask, regions: Sequence[Mask]
 
 
 def _resize_for_model(frame: RGBDFrame, enlarge: bool) -> tuple[Any, float]:
-    """The photo (BGR) in the size that models are shown, if need be larger than it is, and how much larger."""
+    """The photo (BGR) at the size for models, enlarged if allowed, and its scale."""
     scale = SHOWN_SIDE / max(frame.rgb.shape[:2])
     scale = scale if enlarge else min(1.0, scale)
-    way = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
-    return cv2.resize(cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2BGR), None, fx=scale, fy=scale, interpolation=way), scale
+    interpolation = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
+    picture = cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2BGR)
+    return cv2.resize(picture, None, fx=scale, fy=scale, interpolation=interpolation), scale
 
 
 def _find_outlines(mask: Mask, scale: float) -> list[Any]:
@@ -113,20 +114,20 @@ def _find_outlines(mask: Mask, scale: float) -> list[Any]:
 
 
 def _find_label_place(mask: Mask) -> Array:
-    """(x, y) of the pixel of a mask that is farthest from its edge."""
+    """(x, y) of the pixel of a mask farthest from its edge."""
     inner = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 3)[1:-1, 1:-1]
     row, column = np.unravel_index(int(inner.argmax()), mask.shape)
     return np.array([float(column), float(row)])
 
 
 def _draw_labels(picture: Any, places: Mapping[str, Array], size: float) -> None:
-    """Write texts at places (x, y); one that would cover another is moved aside, with a line to its place."""
+    """Draw texts at places (x, y); overlapping texts are moved aside, with a leader line."""
     bounds = np.array(picture.shape[1::-1], np.float64)
     taken: list[tuple[Array, Array]] = []
     for text, place in places.items():
         half = np.array(cv2.getTextSize(text, _FONT, size, 1)[0]) / 2 + (3, 4)
         spots = np.clip(place + _ASIDE * half, half, bounds - half)
-        free = [at for at in spots if all((np.abs(at - other) >= half + others).any() for other, others in taken)]
+        free = [at for at in spots if all((np.abs(at - spot) >= half + size).any() for spot, size in taken)]
         spot = free[0] if free else spots[0]
         taken.append((spot, half))
         ends = np.rint([place, spot, spot - half, spot + half, spot + half * (-1, 1) + (3, -4)]).astype(int).tolist()

@@ -1,6 +1,8 @@
-"""What the photo shows besides the table and the objects, as a surface to look at and boxes to bump into.
-The surface comes from one depth image: a truncated signed distance on a grid, then marching cubes. Boxes stand for its
-solid parts because MuJoCo takes a mesh for its convex hull, which would fill a room."""
+"""Background reconstruction: the photo without table and objects, as a visible surface and collision boxes.
+
+The surface is reconstructed from the depth image by a truncated signed distance function (TSDF) and marching cubes.
+Boxes approximate its solid parts, since MuJoCo replaces a mesh by its convex hull, which would fill a room.
+"""
 
 import importlib
 from collections.abc import Sequence
@@ -25,8 +27,8 @@ CONFIG = DEFAULT.background
 
 Faces = npt.NDArray[np.int64]
 Grid = npt.NDArray[np.float32]
-REACH: Final = 2  # the slope of a surface at a pixel is taken between the pixels this far to both sides
-SLAB: Final = 16  # so many layers of voxels are looked up at a time
+REACH: Final = 2  # pixels, of the central differences for normals
+SLAB: Final = 16  # layers of voxels that are processed together
 
 
 @dataclass(frozen=True)
@@ -37,16 +39,36 @@ class Mesh:
     faces: Faces
 
     def simplify(self, cell: float, most_faces: int) -> "Mesh":
-        """The vertices in each cell of ``cell`` metres become one, at their mean; coarser until faces are few."""
-        while len((mesh := _cluster_vertices(self, cell)).faces) > most_faces:
+        """Vertex clustering in cells of ``cell`` metres, or larger until there are at most ``most_faces``."""
+        # Vertices on open edges, which have a single face, outweigh the others and keep the mesh's border.
+        edges = np.sort(np.concatenate([self.faces[:, [0, 1]], self.faces[:, [1, 2]], self.faces[:, [2, 0]]]), axis=1)
+        unique, times = np.unique(edges, axis=0, return_counts=True)
+        weight = np.full(len(self.vertices), 1e-6)
+        weight[unique[times == 1].ravel()] = 1.0
+        mesh = self
+        while len(self.vertices):
+            _, group = np.unique(np.floor(self.vertices / cell).astype(np.int64), axis=0, return_inverse=True)
+            group = group.ravel()
+            count = np.bincount(group, weights=weight)
+            means = [np.bincount(group, weights=weight * self.vertices[:, axis]) / count for axis in range(3)]
+            a, b, c = group[self.faces].T
+            kept = (a != b) & (b != c) & (c != a)
+            mesh = _drop_unused_vertices(np.stack(means, axis=1), np.unique(group[self.faces][kept], axis=0))
+            if len(mesh.faces) <= most_faces:
+                break
             cell *= 1.5
         return mesh
 
 
 def reconstruct_surface_mesh(frame: RGBDFrame, table: TableFrame, left: Mask, voxel: float) -> Mesh:
-    """The surface that the pixels ``left``, (H, W), show; it is open where something hides what is behind.
-    The edge of the grid's cells is ``voxel`` metres, or larger where the grid would be too large."""
-    measure = _import_skimage_measure()
+    """The surface of the pixels ``left`` (H, W), open at occlusions.
+
+    Cells of the grid are ``voxel`` metres wide, or more if the grid would be too large."""
+    try:
+        measure: Any = importlib.import_module("skimage.measure")
+    except ImportError as error:
+        remedy = 'run: pip install "grs-agents[background]"'
+        raise ConfigError(f"background.on = true needs scikit-image: {error}", remedy) from error
     cloud = robot_frame_point_map(frame, table)[left]
     low, high = cloud.min(axis=0), cloud.max(axis=0)
     while np.prod(np.ceil((high - low) / voxel) + 5) > CONFIG.most_voxels:
@@ -62,7 +84,7 @@ def reconstruct_surface_mesh(frame: RGBDFrame, table: TableFrame, left: Mask, vo
     vertices, faces, _, _ = measure.marching_cubes(distance, 0.0)
     places = np.asarray(vertices, np.float64)
     triangles = np.asarray(faces, np.int64)
-    # Where a corner of the cell is unknown, the surface there is made up.
+    # Without the surface in cells with an unknown corner.
     cell = np.minimum(places[triangles].mean(axis=1).astype(np.int64), np.array(cells.shape) - 1)
     triangles = triangles[cells[cell[:, 0], cell[:, 1], cell[:, 2]]]
     return _drop_unused_vertices(origin + places * voxel, triangles)
@@ -71,15 +93,21 @@ def reconstruct_surface_mesh(frame: RGBDFrame, table: TableFrame, left: Mask, vo
 def compute_tsdf_grid(
     frame: RGBDFrame, table: TableFrame, left: Mask, grid: tuple[Array, float, tuple[int, int, int]]
 ) -> tuple[Grid, npt.NDArray[np.bool_]]:
-    """The signed distance in voxels, positive before the surface, and where it is known; both of the grid's shape.
+    """Truncated signed distance in voxels, positive before the surface, and known voxels; both of the grid's shape.
 
-    It is the distance to the plane of the surface in a voxel's pixel: along the ray alone, what is seen at a grazing
-    angle would be lost between two voxels. ``grid`` is the centre of its first voxel (3,) in the robot frame, the
-    distance of two centres, both in metres, and the counts along x, y, z.
+    The distance is point to plane in a voxel's pixel: along the ray, surfaces at grazing angles would fall between two
+    voxels. ``grid`` is the centre of its first voxel (3,) in the robot frame, the edge of a voxel, both in metres, and
+    the counts along x, y, z.
     """
     origin, voxel, shape = grid
     pose, camera = np.asarray(table.T_robot_cam), frame.camera
-    facing = _surface_distance_per_depth(frame)
+    surface = frame.camera_frame_point_map()
+    right, below = np.zeros_like(surface), np.zeros_like(surface)
+    right[:, REACH:-REACH] = surface[:, 2 * REACH :] - surface[:, : -2 * REACH]
+    below[REACH:-REACH] = surface[2 * REACH :] - surface[: -2 * REACH]
+    normal = np.cross(right, below)
+    along = np.abs((normal * surface).sum(axis=-1)) / np.maximum(np.linalg.norm(normal, axis=-1), 1e-12)
+    facing = np.clip(along / np.maximum(surface[..., 2], 1e-6), CONFIG.flattest, 2.0)  # distance to plane per depth
     distance = np.full(shape, CONFIG.truncation, np.float32)
     known = np.zeros(shape, np.bool_)
     for start in range(0, shape[0], SLAB):
@@ -98,51 +126,8 @@ def compute_tsdf_grid(
     return distance, known
 
 
-def _surface_distance_per_depth(frame: RGBDFrame) -> Array:
-    """(H, W) metres perpendicular to the surface for each metre of depth."""
-    points = frame.camera_frame_point_map()
-    across, down = np.zeros_like(points), np.zeros_like(points)
-    across[:, REACH:-REACH] = points[:, 2 * REACH :] - points[:, : -2 * REACH]
-    down[REACH:-REACH] = points[2 * REACH :] - points[: -2 * REACH]
-    normal = np.cross(across, down)
-    length = np.maximum(np.linalg.norm(normal, axis=-1), 1e-12)
-    along = np.abs((normal * points).sum(axis=-1)) / length
-    return np.clip(along / np.maximum(points[..., 2], 1e-6), CONFIG.flattest, 2.0)
-
-
-def _import_skimage_measure() -> Any:
-    try:
-        return importlib.import_module("skimage.measure")
-    except ImportError as error:
-        remedy = 'run: pip install "grs-agents[background]"'
-        raise ConfigError(f"background.on = true needs scikit-image: {error}", remedy) from error
-
-
-def _cluster_vertices(mesh: Mesh, cell: float) -> Mesh:
-    """One vertex for each cell of space: where the mesh ends in a cell, it lies on the border."""
-    if not len(mesh.vertices):
-        return mesh
-    weight = np.where(_border_vertex_mask(mesh), 1.0, 1e-6)
-    _, group = np.unique(np.floor(mesh.vertices / cell).astype(np.int64), axis=0, return_inverse=True)
-    group = group.ravel()
-    count = np.bincount(group, weights=weight)
-    means = [np.bincount(group, weights=weight * mesh.vertices[:, axis]) / count for axis in range(3)]
-    faces = group[mesh.faces]
-    a, b, c = faces.T
-    return _drop_unused_vertices(np.stack(means, axis=1), np.unique(faces[(a != b) & (b != c) & (c != a)], axis=0))
-
-
-def _border_vertex_mask(mesh: Mesh) -> Mask:
-    """(V,) vertices on edges that have one face only."""
-    edges = np.sort(np.concatenate([mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]], mesh.faces[:, [2, 0]]]), axis=1)
-    found, times = np.unique(edges, axis=0, return_counts=True)
-    border = np.zeros(len(mesh.vertices), np.bool_)
-    border[found[times == 1].ravel()] = True
-    return border
-
-
 def _drop_unused_vertices(vertices: Array, faces: Faces) -> Mesh:
-    """Without the vertices that no face has."""
+    """The mesh without unreferenced vertices."""
     used, numbers = np.unique(faces, return_inverse=True)
     return Mesh(vertices[used], numbers.reshape(-1, 3).astype(np.int64))
 
@@ -151,11 +136,10 @@ _Cells = npt.NDArray[np.int32]
 
 
 def cover_points_with_boxes(points: Array, cell: float) -> Array:
-    """(B, 2, 3) lowest and highest corners (m) of a bounded number of boxes that hold all (N, 3) ``points`` (m).
+    """(B, 2, 3) lowest and highest corners (m) of a bounded number of boxes around all (N, 3) ``points`` (m).
 
-    Space is cut into cells with an edge of ``cell`` metres, or more where there would be too many boxes; cells with
-    points are joined to the largest blocks that are full, and each block is shrunk to its points, so that a wall along
-    an axis is as thin as it was measured.
+    Space is divided into cells of ``cell`` metres, or more if there would be too many boxes. Occupied cells are merged
+    greedily to full blocks, and each block is shrunk to its points, so that walls along an axis are thin.
     """
     if not len(points):
         return np.zeros((0, 2, 3))
@@ -174,7 +158,7 @@ def cover_points_with_boxes(points: Array, cell: float) -> Array:
 
 
 def _label_voxel_cuboids(index: npt.NDArray[np.int64]) -> _Cells:
-    """A grid with the number, from 1, of the block that each full cell of (N, 3) ``index`` belongs to."""
+    """Grid with the number, from 1, of the block of each occupied cell, of (N, 3) ``index``."""
     free = np.zeros(index.max(axis=0) + 1, np.bool_)
     free[index[:, 0], index[:, 1], index[:, 2]] = True
     numbers = np.zeros(free.shape, np.int32)
@@ -182,34 +166,23 @@ def _label_voxel_cuboids(index: npt.NDArray[np.int64]) -> _Cells:
     for start in np.argwhere(free):
         if not free[tuple(start)]:
             continue
+        x, y, z = start.tolist()
+        runs: list[int] = []  # occupied cells in a row along each axis
+        for line in (free[x:, y, z], free[x, y:, z], free[x, y, z:]):
+            runs.append(int(line.argmin()) if not line.all() else len(line))
         end = start + 1
-        for axis in np.argsort([-_count_consecutive_cells(free, start, axis) for axis in range(3)]):
-            end = _extend_block_end(free, start, end, int(axis))
+        for axis in np.argsort([-run for run in runs]).tolist():  # grow the block along the longest run first
+            while end[axis] < free.shape[axis]:
+                low, high = start.tolist(), end.tolist()
+                low[axis], high[axis] = high[axis], high[axis] + 1
+                layer = tuple(slice(first, last) for first, last in zip(low, high, strict=True))
+                if not free[layer].all():
+                    break
+                end[axis] += 1
         number += 1
         block = tuple(slice(first, last) for first, last in zip(start, end, strict=True))
         free[block], numbers[block] = False, number
     return numbers
-
-
-def _count_consecutive_cells(free: npt.NDArray[np.bool_], start: npt.NDArray[np.int64], axis: int) -> int:
-    """How many full cells follow on each other along an axis."""
-    along = tuple(slice(int(start[at]), None) if at == axis else int(start[at]) for at in range(3))
-    line = free[along]
-    return int(line.argmin()) if not line.all() else len(line)
-
-
-def _extend_block_end(
-    free: npt.NDArray[np.bool_], start: npt.NDArray[np.int64], end: npt.NDArray[np.int64], axis: int
-) -> npt.NDArray[np.int64]:
-    """The end of the block from ``start``, moved on along an axis for as long as all its cells are full."""
-    end = end.copy()
-    while end[axis] < free.shape[axis]:
-        low, high = start.tolist(), end.tolist()
-        layer = tuple(slice(high[at], high[at] + 1) if at == axis else slice(low[at], high[at]) for at in range(3))
-        if not free[layer].all():
-            break
-        end[axis] += 1
-    return end
 
 
 @dataclass(frozen=True)
@@ -217,15 +190,15 @@ class Background:
     """A reconstructed background, in the robot frame."""
 
     mesh: Mesh  # its surface
-    boxes: Array  # (B, 2, 3) lowest and highest corners (m) of the boxes that are solid
+    boxes: Array  # (B, 2, 3) lowest and highest corners (m) of the solid boxes
     color: Vec3  # mean red, green, blue, 0..1
-    pixels: int  # how many of the (reduced) photo's pixels it was made from
+    pixels: int  # of the (reduced) photo from which it was made
 
 
 def reconstruct_background(
     frame: RGBDFrame, table: TableFrame, objects: Mask, boxes: Sequence[Aabb], arm: Array, voxel: float
 ) -> Background | None:
-    """Reconstruct what is left of a photo after its objects and its table are taken out; ``None`` if nothing is.
+    """Reconstruct the rest of a photo without its objects and table; ``None`` if it is empty.
 
     Args:
         objects: (H, W) pixels of the objects.
@@ -238,19 +211,25 @@ def reconstruct_background(
     """
     small, factor = downscale_frame(frame)
     rows, columns = small.depth.shape
-    # A cell of the smaller photo is an object's if any of its pixels is.
+    # A cell of the reduced photo is an object's if any of its pixels is.
     whole = objects[: rows * factor, : columns * factor]
     taken = np.asarray(whole.reshape(rows, factor, columns, factor).any(axis=(1, 3)), np.bool_)
     smooth = smooth_frame_depth(small)
     points = robot_frame_point_map(smooth, table)
-    lows, highs = np.array([one.low for one in boxes]).reshape(-1, 3), np.array([one.high for one in boxes])
+    lows, highs = np.array([box.low for box in boxes]).reshape(-1, 3), np.array([box.high for box in boxes])
     keep_out = np.stack([lows, highs.reshape(-1, 3)], axis=1)
     left = background_pixel_mask(smooth, points, taken, keep_out, arm)
     if not left.any():
         return None
     raw = reconstruct_surface_mesh(smooth, table, left, voxel)
     solid = cover_points_with_boxes(raw.vertices, 2 * voxel)
-    solid = solid[~_boxes_touching_obstacles(solid, keep_out, arm)]
+    touching = np.zeros(len(solid), np.bool_)  # objects or the arm
+    for low, high in keep_out:
+        touching |= ((solid[:, 0] < high + CONFIG.clear) & (solid[:, 1] > low - CONFIG.clear)).all(axis=1)
+    for x, y, z, radius in arm:
+        nearest = np.clip((x, y, z), solid[:, 0], solid[:, 1])
+        touching |= ((nearest - (x, y, z)) ** 2).sum(axis=1) < (radius + CONFIG.clear) ** 2
+    solid = solid[~touching]
     if not len(solid):
         return None
     mean = small.rgb[left].mean(axis=0) / 255
@@ -260,7 +239,8 @@ def reconstruct_background(
 
 def background_pixel_mask(frame: RGBDFrame, points: Array, objects: Mask, boxes: Array, arm: Array) -> Mask:
     """(H, W) pixels of surfaces around the robot, neither objects nor table; arguments as of `reconstruct_background`.
-    The frame is smoothed, ``points`` are (H, W, 3) its points in the robot frame, ``boxes`` (N, 2, 3) corners."""
+
+    The frame is smoothed, ``points`` (H, W, 3) are its points in the robot frame, ``boxes`` (N, 2, 3) corners."""
     size = 2 * max(2, frame.depth.shape[1] // CONFIG.edge) + 1
     near_objects = cv2.dilate(objects.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
     table = np.abs(np.nan_to_num(points[..., 2], nan=0.0)) < 2 * depth_tolerance(frame.depth.astype(np.float64))
@@ -274,14 +254,3 @@ def background_pixel_mask(frame: RGBDFrame, points: Array, objects: Mask, boxes:
         kept &= ((cloud - (x, y, z)) ** 2).sum(axis=1) > (radius + CONFIG.margin) ** 2
     left[rows, columns] = kept
     return label_connected_components(left.astype(np.uint8), int(CONFIG.smallest * left.size)) > 0
-
-
-def _boxes_touching_obstacles(solid: Array, boxes: Array, arm: Array) -> Mask:
-    """Which boxes, (B, 2, 3), come too near to the objects' ``boxes`` or the arm's spheres."""
-    touching = np.zeros(len(solid), np.bool_)
-    for low, high in boxes:
-        touching |= ((solid[:, 0] < high + CONFIG.clear) & (solid[:, 1] > low - CONFIG.clear)).all(axis=1)
-    for x, y, z, radius in arm:
-        nearest = np.clip((x, y, z), solid[:, 0], solid[:, 1])
-        touching |= ((nearest - (x, y, z)) ** 2).sum(axis=1) < (radius + CONFIG.clear) ** 2
-    return touching

@@ -1,6 +1,8 @@
-"""Every constant of perception, by stage, with its unit and why it has this value.
-Functions of a stage take the part that they need; `DEFAULT` is what all of them are measured with. Lengths are metres,
-angles radians, areas shares of the picture, unless a comment says otherwise."""
+"""Constants of perception, by stage, with unit and motivation.
+
+Functions of a stage take their part; published figures are measured with `DEFAULT`. Lengths are metres, angles radians,
+areas shares of the picture, unless a comment says otherwise.
+"""
 
 import math
 from dataclasses import dataclass, field
@@ -10,154 +12,154 @@ from grs_agents.perception.segmentation.configuration import Measuring, Segmenta
 
 @dataclass(frozen=True)
 class TableFinding:
-    """Level planes by RANSAC, and which of them is the table."""
+    """Level planes by RANSAC, and the choice of the table among them."""
 
     samples: int = 12_000  # pixels: a plane of the least share still has 1,400 of them
     rounds: int = 400  # hypotheses: a plane of the least share is drawn in half of all scenes, a usual table in all
-    least_share: float = 0.12  # of the measured pixels: the table holds at least this many
-    lowest_tilt: float = math.radians(12)  # the camera looks down on the table by at least this angle
-    occluded_depth: float = 0.1  # a table hides what is under it: points less than this under a plane speak against it
-    level: float = math.radians(12)  # a calibrated table's normal is within this of the robot's z axis
-    highest: float = 0.2  # a calibrated table top lies within this height of the robot frame's z = 0
-    plane_distance: float = 0.25  # level planes nearer than this are one; the lowest stools are 0.26 m high
-    listed_share: float = 0.05  # of the measured pixels: such a plane is listed, and the user may choose it
+    least_share: float = 0.12  # of the measured pixels on the table
+    lowest_tilt: float = math.radians(12)  # least angle at which the camera looks down on the table
+    occluded_depth: float = 0.1  # points less than this below a plane contradict it: a table occludes them
+    level: float = math.radians(12)  # largest angle between a calibrated table's normal and the robot's z axis
+    highest: float = 0.2  # largest |z| of a calibrated table top in the robot frame
+    plane_distance: float = 0.25  # nearer level planes are merged; the lowest stools are 0.26 m high
+    listed_share: float = 0.05  # of the measured pixels on a listed plane, which the user may choose
     object_heights: tuple[float, float] = (0.015, 0.6)  # over the noise of a depth camera, under furniture
-    loaded_share: float = 0.01  # of a plane's pixels show objects on it: a 4 cm cube on a table of 1 m has 0.016
-    doubtful_tilt: float = math.radians(3)  # a hand-eye calibration is better than this
+    loaded_share: float = 0.01  # of a plane's pixels that show objects on it: a 4 cm cube on a table of 1 m has 0.016
+    doubtful_tilt: float = math.radians(3)  # beyond the error of a hand-eye calibration
     doubtful_share: float = 0.2  # tables under the densest heaps of the reference scenes hold a quarter of the pixels
 
 
 @dataclass(frozen=True)
 class NoiseSmoothing:
-    """Depth with much noise is smoothed before all else: all other values were chosen with up to 3 mm at 1 m."""
+    """Smoothing of noisy depth before all else: all other values were chosen with up to 3 mm at 1 m."""
 
-    each: float = 0.0075  # one median over 5 x 5 pixels for so much noise at 1 m
-    most: int = 4  # and no more of them: small objects are gone then
+    each: float = 0.0075  # noise at 1 m per median over 5 x 5 pixels
+    most: int = 4  # medians: more remove small objects
 
 
 @dataclass(frozen=True)
 class DepthAlignment:
-    """When depth is said to be shifted against colour; pixels of the working resolution."""
+    """Shift of depth against colour; pixels of the working size."""
 
-    jump: float = 0.02  # share of the distance: less is a surface's slope
-    fewest: int = 150  # pixels at jumps, or chance decides
+    jump: float = 0.02  # of the distance: less is a surface's slope
+    fewest: int = 150  # pixels at jumps: fewer agree by chance
     most: int = 2_000  # more agree on the same shift
-    reach: int = 24  # as far off as a registration for another resolution is
-    calibrated: float = 4.0  # of 18 photos none is off by more than 2.3: near sides lie inside outlines
-    gain: float = 0.3  # of those photos at most 0.26
+    reach: int = 24  # largest shift: that of a registration for another resolution
+    calibrated: float = 4.0  # largest shift of calibrated cameras: of 18 photos at most 2.3, near sides lie inside
+    gain: float = 0.3  # least gain in agreement: of those photos at most 0.26
 
 
 @dataclass(frozen=True)
 class RobotPixels:
-    """Which pixels show the robot."""
+    """Pixels that show the robot."""
 
-    # m: what is nearer to the arm is taken for it, at least and at most: hand-eye calibrations and the arms' models
-    # are better than the second, but if they are 1 cm off, the first leaves pieces of the arm beside it.
+    # m around the arm, at least and at most: hand-eye calibrations and models are better than the second; with an error
+    # of 1 cm the first leaves pieces of the arm beside it.
     margin: tuple[float, float] = (0.015, 0.025)
-    blur: float = 0.01  # m: the margin of an arm that is where it should be, as depth is mixed at its edges;
-    errors: float = 1.5  # so many times the measured error in depth is added,
-    percentile: int = 80  # which is this percentile: at steep sides depth is off by more
-    inset: int = 9  # pixels: the error is measured where a square of so many lies on the arm
-    fewest: int = 100  # such pixels: of fewer it is not known
-    rays: int = 20_000  # the arm is drawn with about so many
-    layer: float = 1.25  # times the depth: so much of the arm at a time
-    nearest: float = 0.1  # m: the margin of what is nearer is no wider, or a lens at the arm would make it the picture
-    over_table: float = 0.002  # what a ray meets lower is the table
-    slack: float = 0.01  # rad: encoders may say so much beyond a limit
+    blur: float = 0.01  # m: margin of an exactly placed arm, for flying pixels at its edges,
+    errors: float = 1.5  # plus this factor of the measured depth error,
+    percentile: int = 80  # at this percentile: depth errors are larger at steep sides
+    inset: int = 9  # pixels: side of the square that must lie on the arm where the error is measured
+    fewest: int = 100  # such pixels: fewer give no error
+    rays: int = 20_000  # with which the arm is rendered, about
+    layer: float = 1.25  # ratio of far and near end of a depth layer of the arm
+    nearest: float = 0.1  # m: bound on the depth of a margin in pixels, or a lens at the arm would cover the picture
+    over_table: float = 0.002  # lower hits of a ray are table
+    slack: float = 0.01  # rad: tolerance of encoders beyond a limit
 
 
 @dataclass(frozen=True)
 class StrayLightFit:
-    """How the robot's light in the depth of what is beside it is measured."""
+    """Stray light of the robot in the depth of its surroundings."""
 
-    near: float = 40.0  # pixels from the robot, at the working size: farther its light does not count
-    plane: float = 0.004  # m: what is closer to the table's plane lies in it
-    lifted: float = 0.1  # m: what is higher was not lifted by light alone
-    widths: tuple[float, ...] = (7.0, 10.0, 14.0, 20.0)  # pixels at the working size, of the light's spread
+    near: float = 40.0  # pixels of the working size from the robot: farther its light is negligible
+    plane: float = 0.004  # m: distance of points in the table plane
+    lifted: float = 0.1  # m: higher points are not lifted by light alone
+    widths: tuple[float, ...] = (7.0, 10.0, 14.0, 20.0)  # pixels of the working size, of the light's spread
     shares: tuple[float, ...] = (0.002, 0.004, 0.006, 0.008, 0.011, 0.015, 0.02, 0.03, 0.04)  # of the light around
-    gain: float = 0.03  # of the pixels beside the robot must come to lie in the plane, or nothing is corrected
-    nearest: float = 0.2  # m: nearer no camera measures
-    darkest: float = 0.02  # of 1: darker pixels return as little light as these
-    most: float = 0.5  # of a pixel's light may be that of others
+    gain: float = 0.03  # least share of the pixels beside the robot that a correction brings into the plane
+    nearest: float = 0.2  # m: least distance that a camera measures
+    darkest: float = 0.02  # of 1: floor of the brightness
+    most: float = 0.5  # largest share of stray light in a pixel
 
 
 @dataclass(frozen=True)
 class WorkingResolution:
-    """The size at which large photos are segmented, and how their pixels choose between segments."""
+    """Working size of large photos, and the refinement of labels at full size."""
 
-    pixels: int = 640 * 480  # photos of many more are reduced: the size that all other values were chosen at
-    color: float = 24.0  # of 255: a difference that counts as much as a depth off by its tolerance
-    cells: float = 1.0  # a distance that counts as much
+    pixels: int = 640 * 480  # larger photos are reduced: the size at which all other values were chosen
+    color: float = 24.0  # of 255: a difference that costs as much as the depth tolerance
+    cells: float = 1.0  # a distance that costs as much
 
 
 @dataclass(frozen=True)
 class Matching:
-    """Whether a named asset stands for an object."""
+    """Acceptance of a named asset for an object."""
 
-    # An asset less likely to be the right one than this gives way to a proxy: a wrong product costs a task more than
-    # a right one that is only measured. On scenes that nothing was fitted to, 1 in 40 named above it was wrong, of
-    # those named between 0.4 and it 2 in 5.
+    # A less likely asset gives way to a proxy: a wrong product costs a task more than a right product that is only
+    # measured. On scenes that nothing was fitted to, 1 in 40 named above it was wrong, of those named between 0.4 and
+    # it 2 in 5.
     least: float = 0.7
 
 
 @dataclass(frozen=True)
 class PoseCost:
-    """How well an asset at a pose explains what the camera saw."""
+    """Cost of an asset's pose against the measured points."""
 
-    samples: int = 500  # of an object's points, and of the asset's surface, are compared
-    farthest: float = 0.03  # what is farther off counts as this far: it belongs to another object
-    free_space: float = 0.006  # a surface so far before what was measured is in free space; depth is not better
-    free_space_weight: float = 0.7  # of free space that is entered, against the residual
-    trimmed: float = 0.9  # the nearest of the points say how good a fit is; the rest are flying pixels
+    samples: int = 500  # of an object's points, and of the asset's surface
+    farthest: float = 0.03  # truncation of residuals: farther points belong to another object
+    free_space: float = 0.006  # distance before the measured surface from which a surface is in free space
+    free_space_weight: float = 0.7  # of free-space violation, against the residual
+    trimmed: float = 0.9  # share of the nearest points that count; the rest are flying pixels
 
 
 @dataclass(frozen=True)
 class SilhouetteCost:
-    """How well an asset's silhouette agrees with an object's pixels."""
+    """Cost of an asset's silhouette against an object's pixels."""
 
-    weight: float = 0.01  # m: a silhouette that nothing agrees with costs as much as being so far off the points
-    pixels: int = 100  # along the object's longer side: no more are drawn
-    margin: float = 0.5  # of that side, around it: what reaches farther out is not seen to
-    nearer: float = 0.008  # m: what was measured so much nearer hides the asset
-    nearest: float = 0.001  # m: nothing is nearer to the camera
+    weight: float = 0.01  # m: residual that costs as much as a silhouette without overlap
+    pixels: int = 100  # along the object's longer side, for rendering
+    margin: float = 0.5  # of that side, around it: the window
+    nearer: float = 0.008  # m: depth difference of an occluder
+    nearest: float = 0.001  # m: near plane of the camera
 
 
 @dataclass(frozen=True)
 class PoseHypotheses:
-    """Poses from which a registration begins."""
+    """Initial poses of a registration."""
 
-    same_plane: float = math.radians(12)  # normals of one plane are within this of each other
-    second_plane: float = 0.1  # of the points: a second plane holds at least this many
-    oblique: float = 0.25  # a side is seen whose normal is nearer to the view than this sine
-    hidden: float = 0.015  # what is seen is shorter than the asset by more than this, or longer: part of it is hidden
-    level: float = math.radians(6)  # a plane that is level within this adds nothing to the measured box
+    same_plane: float = math.radians(12)  # largest angle between normals of the same plane
+    second_plane: float = 0.1  # least share of the points on a second plane
+    oblique: float = 0.25  # sine of the angle between view and a visible side
+    hidden: float = 0.015  # difference in length from the asset of a partly hidden object
+    level: float = math.radians(6)  # a plane nearer to level adds nothing to the measured box
 
 
 @dataclass(frozen=True)
 class Registration:
-    """The search for the pose of an asset."""
+    """Search for the pose of an asset."""
 
-    fewest: int = 30  # points: an object of fewer is left where its box puts it
-    aligned: int = 4  # so many hypotheses are aligned; the others look worse from the start
-    coarse: int = 4  # hypotheses are compared by one of so many samples
-    medium: int = 2  # and poses, once they are aligned, by one of so many
-    slid: int = 8  # so many hypotheses are also tried with either end of the object at either end of the asset
-    apart: float = 0.02  # hypotheses that look alike and are nearer than this are one
-    look_angle: float = 20.0  # degrees: those that are turned by less look alike
+    fewest: int = 30  # points: with fewer the object stays at its box
+    aligned: int = 4  # best hypotheses that are aligned
+    coarse: int = 4  # hypotheses are compared by every fourth sample,
+    medium: int = 2  # and aligned poses by every second
+    slid: int = 8  # hypotheses that are also tried with either end of the object at either end of the asset
+    apart: float = 0.02  # distance of hypotheses that look alike and are merged,
+    look_angle: float = 20.0  # and the angle between them, degrees
     steps: tuple[tuple[float, float], ...] = ((0.008, 0.16), (0.004, 0.08), (0.002, 0.04), (0.001, 0.02))
-    """A pose is shifted and turned about z by so much to see whether that costs less: each half of the one before."""
-    refined: int = 2  # so many of the aligned poses are refined
-    last: int = 3  # the best of them once more, by so many of the steps, also to the silhouette
-    partner_distance: float = 0.03  # partners of an alignment are at most so far apart
-    lying: float = 0.0015  # a pose that is not upright has to fit better by so much
-    tilted: float = 0.001  # and one that rests on none of its sides
-    better: float = 0.0003  # a registered pose that fits no better than the box by so much is not taken
-    sunk: float = 0.004  # what reaches no deeper below the table stands on it
-    leaning: float = math.radians(12)  # what leans less stands straight, unless it fits better leaning
-    rests: float = 0.015  # its side is no farther than this from the measured bottom
-    worst: float = 0.015  # a residual above this is no fit
-    entered: float = 0.004  # what enters another object no deeper touches it; poses are known no better
-    entered_weight: float = 0.5  # of what it enters deeper, against the residual
+    """Steps of the coordinate descent over position (m) and yaw (rad), each half of the previous."""
+    refined: int = 2  # best aligned poses that are refined
+    last: int = 3  # steps of the final refinement of the best pose, which includes the silhouette
+    partner_distance: float = 0.03  # largest correspondence distance of an alignment
+    lying: float = 0.0015  # least advantage of a pose that is not upright,
+    tilted: float = 0.001  # and of a pose that rests on none of its sides
+    better: float = 0.0003  # least advantage of a registered pose over the box
+    sunk: float = 0.004  # largest depth below the table of a standing object
+    leaning: float = math.radians(12)  # smaller tilts are straightened unless they fit better
+    rests: float = 0.015  # largest distance between its side and the measured bottom
+    worst: float = 0.015  # largest residual of a fit
+    entered: float = 0.004  # penetration of another object that counts as contact: poses are known no better
+    entered_weight: float = 0.5  # of deeper penetration, against the residual
     cost: PoseCost = PoseCost()
     silhouette: SilhouetteCost = SilhouetteCost()
     hypotheses: PoseHypotheses = PoseHypotheses()
@@ -165,91 +167,90 @@ class Registration:
 
 @dataclass(frozen=True)
 class SurfaceExplanation:
-    """Which points an asset explains, and what of a segment it leaves over."""
+    """Points that an asset explains, and the rest of its segment."""
 
-    on: float = 0.006  # a point nearer to a surface lies on it
-    piece: float = 0.8  # of its points lie on the surface that a segment is a piece of
-    off: float = 0.012  # points farther from a surface are not its own; sensors and poses are better than that
-    explained: float = 0.5  # an asset that explains less of its segment is the wrong one: it says nothing
-    shown: float = 0.35  # of its near surface at least this share is where one was measured
-    in_free_space: float = 0.1  # and at most this share before it
-    smallest: float = 0.0006  # of the picture: something left over covers at least so much
-    joined: float = 0.3  # a segment with more than this share on other objects' surfaces is theirs and the rest
+    on: float = 0.006  # distance of a point on a surface
+    piece: float = 0.8  # least share of the points on the surface of which a segment is a piece
+    off: float = 0.012  # farther points are not of a surface; sensors and poses are better than that
+    explained: float = 0.5  # least share of its segment that a right asset explains
+    shown: float = 0.35  # least share of its near surface where a surface was measured,
+    in_free_space: float = 0.1  # and largest share in free space
+    smallest: float = 0.0006  # of the picture: least size of a remaining segment
+    joined: float = 0.3  # larger share on other objects' surfaces: the segment is split between them and the rest
 
 
 @dataclass(frozen=True)
 class SizeCheck:
-    """When an asset agrees with the box that was measured."""
+    """Agreement of an asset with the measured box."""
 
-    center: float = 0.02  # the centre may be off by so much
-    size: float = 0.25  # and each extent by such a share
-    # A named asset that fits the points this closely beats the measured box, which is cut off where something hides the
-    # object: of 139 true assets on synthesised scenes within `near`, the box of 39 did not agree, and registered poses
-    # were 2.3 mm off (ADD-S, median) where boxes were 5.0. On real photos none of the wrong ones was so close.
+    center: float = 0.02  # tolerance of the centre
+    size: float = 0.25  # tolerance of each extent, as a share
+    # A named asset that fits the points this closely beats the measured box, which occlusion truncates: of 139 true
+    # assets on synthesised scenes within `near`, the box of 39 did not agree, and registered poses were 2.3 mm off
+    # (ADD-S, median) where boxes were 5.0. On real photos no wrong asset was as close.
     certain: float = 0.7
     near: float = 0.002
 
 
 @dataclass(frozen=True)
 class CollisionRepair:
-    """When objects that were registered into each other are registered again."""
+    """Repeated registration of objects that overlap."""
 
-    deep: float = 0.006  # objects that are deeper in each other are not where they were registered
-    deepest: float = 0.015  # if they can be nowhere else, and are deeper, one is not what it was taken for
-    worse: float = 0.004  # a pose that costs more than the first one by more than this does not show what was seen
-    most: int = 8  # pairs are looked at: each costs two registrations
+    deep: float = 0.006  # overlap from which poses are wrong
+    deepest: float = 0.015  # remaining overlap from which an asset is wrong
+    worse: float = 0.004  # largest increase in cost over the first pose
+    most: int = 8  # pairs: each costs two registrations
 
 
 @dataclass(frozen=True)
 class Depenetration:
-    """How overlapping objects are moved apart."""
+    """Separation of overlapping objects."""
 
-    free: float = 0.8  # of what counts as deep: what overlaps by less is apart
+    free: float = 0.8  # of the deep overlap: less is apart
     steps: tuple[float, ...] = (0.002, 0.004, 0.006, 0.009, 0.013, 0.018, 0.025, 0.035)  # tried in turn: least first
-    last_steps: tuple[float, ...] = (0.05, 0.07, 0.1)  # and these, once nothing else took everything apart
-    # Overlaps up to each of these are left to easing. Which moves objects least hangs on the scene: they are tried in
-    # turn until nothing moves too far.
+    last_steps: tuple[float, ...] = (0.05, 0.07, 0.1)  # and these, if the others separate not everything
+    # Overlaps up to each of these are left to easing. The best bound depends on the scene: they are tried in turn until
+    # nothing moves too far.
     depths: tuple[float, ...] = (0.003, 0.012, 0.0015, 0.02)
-    guessed: float = 4.0  # an object of unknown shape moves so many times as far: its place is known that much worse
-    far: float = 0.01  # but not by more than this where something known need move less
-    most: int = 12  # objects are moved
+    guessed: float = 4.0  # factor by which an object of unknown shape may move farther: its position is less certain,
+    far: float = 0.01  # but at most this if a known object can move less
+    most: int = 12  # moved objects
 
 
 @dataclass(frozen=True)
 class ColliderClearance:
-    """How colliders that reach into each other are cut back."""
+    """Trimming of overlapping colliders."""
 
-    deep: float = 0.0005  # what overlaps by less is apart
-    rounds: int = 3  # of cuts: what is cut may still be in a third
-    kept: float = 0.4  # of its volume: an object that would keep less is not cut
-    thinnest: float = 0.001  # what is left of a collider is left out if it is thinner
-    upright: float = 0.5  # a plane between two things that rises more steeply than by 60 degrees is made upright, so
-    # that each can be lifted out beside the other
-    level: float = 0.98  # one that rises by less than 11 degrees is made level
-    hovers: float = 0.01  # what seems to end so little above its support stands on it: boxes are cut on a grid of 8 mm
-    moved: float = 0.005  # an object that moves farther until it rests has the colliders of its box instead,
-    tilted: float = math.radians(3)  # so has one that tilts by more
-    aside: float = 0.002  # m: one that moves less to a side only sinks
+    deep: float = 0.0005  # smaller overlaps are contacts
+    rounds: int = 3  # of cuts: a cut collider may still overlap a third
+    kept: float = 0.4  # least remaining share of its volume: an object that would keep less is not cut
+    thinnest: float = 0.001  # thinner remains of a collider are removed
+    upright: float = 0.5  # a cut plane steeper than 60 degrees is made upright, so that each object can be lifted out
+    level: float = 0.98  # a cut plane flatter than 11 degrees is made level
+    hovers: float = 0.01  # gap above a support that is closed: boxes are cut on a grid of 8 mm
+    moved: float = 0.005  # an object that settles farther away falls back to the colliders of its box,
+    tilted: float = math.radians(3)  # as does an object that tilts by more
+    aside: float = 0.002  # m: with less lateral motion it only sinks
 
 
 @dataclass(frozen=True)
 class Settling:
-    """How a described scene comes to rest in MuJoCo."""
+    """Rest of a described scene in MuJoCo."""
 
-    eased: float = 0.0005  # objects are eased apart until they overlap by less
-    easing_steps: int = 200  # in at most so many steps
-    longest: float = 2.0  # simulated seconds in which everything should come to rest
-    still: float = 0.01  # m/s: what is slower rests
+    eased: float = 0.0005  # target overlap of easing
+    easing_steps: int = 200  # at most
+    longest: float = 2.0  # simulated seconds until rest
+    still: float = 0.01  # m/s: speed at rest
     rolling: float = 0.004  # arm of the rolling resistance: nothing in a photo rolls
-    table_center: tuple[float, float] = (0.4, 0.0)  # the middle of the simulated table
-    table_reach: float = 1.1  # only what lies within this distance of it stands on the table
-    overlap: float = 0.001  # what overlaps by more at rest is moved apart again
-    tries: int = 3  # so many times in all
-    wedged: float = 0.003  # what overlaps by less after that is moved by little first
-    fallen: float = 0.01  # what moves farther was not at rest as it is described, or not there
-    near: float = 0.02  # a pixel of the twin is right within this depth
-    rays: int = 20_000  # at most so many pixels are compared, evenly drawn
-    picture_side: int = 1280  # pixels of the longer side of a picture of the twin: what a report shows
+    table_center: tuple[float, float] = (0.4, 0.0)  # of the simulated table
+    table_reach: float = 1.1  # distance from it within which objects stand on the table
+    overlap: float = 0.001  # larger overlaps at rest are separated again
+    tries: int = 3  # in all
+    wedged: float = 0.003  # remaining overlap up to which small separations are tried first
+    fallen: float = 0.01  # larger motion: the object was not at rest as described, or absent
+    near: float = 0.02  # depth tolerance of a right pixel of the twin
+    rays: int = 20_000  # compared pixels at most, evenly drawn
+    picture_side: int = 1280  # pixels of the longer side of a picture of the twin: the size in a report
     depenetration: Depenetration = Depenetration()
     clearance: ColliderClearance = ColliderClearance()
     repair: CollisionRepair = CollisionRepair()
@@ -257,69 +258,69 @@ class Settling:
 
 @dataclass(frozen=True)
 class SupportRelations:
-    """Which object lies on, in or against which."""
+    """Relations on, in and against between objects."""
 
-    gap: float = 0.006  # surfaces closer than this, beyond how densely they are sampled, touch; depth is not better
-    sunk: float = 0.3  # of a container's height: what is in it begins below its rim by at least this
-    inside: float = 0.7  # so much of its outline is above the container
-    raised: float = 0.012  # what begins lower above the table stands on the table
+    gap: float = 0.006  # distance of touching surfaces, beyond their sampling; depth is not better
+    sunk: float = 0.3  # of a container's height: least depth of its content's lower end below the rim
+    inside: float = 0.7  # least share of the content's outline above the container
+    raised: float = 0.012  # lower objects stand on the table
     cell: float = 0.008  # of the grid on which heights are compared
 
 
 @dataclass(frozen=True)
 class BackgroundReconstruction:
-    """What the photo shows besides the table and the objects."""
+    """Reconstruction of the photo besides the table and the objects."""
 
-    truncation: float = 3.0  # voxels: farther behind a surface nothing is known
-    most_voxels: int = 8_000_000  # of more the grid is made coarser: it holds one float and one flag each
-    most_faces: int = 20_000  # of more the mesh is made coarser, for those who draw it
-    flattest: float = 0.05  # metres of distance for each metre of depth: a flatter surface is not taken to be seen
-    most_boxes: int = 200  # of more the cells are made larger
-    thickness: float = 0.01  # a box is at least this thick
+    truncation: float = 3.0  # voxels of the signed distance
+    most_voxels: int = 8_000_000  # larger grids are coarsened: a float and a flag each
+    most_faces: int = 20_000  # larger meshes are coarsened, for drawing
+    flattest: float = 0.05  # metres of distance to the surface per metre of depth: bound at grazing angles
+    most_boxes: int = 200  # with more the cells are enlarged
+    thickness: float = 0.01  # least thickness of a box
     low: tuple[float, float, float] = (-2.0, -2.0, -1.0)  # lowest corner of the space around the robot
     high: tuple[float, float, float] = (2.0, 2.0, 2.0)  # and its highest
-    margin: float = 0.05  # the background keeps this far away from objects
-    clear: float = 0.02  # what of it is solid, after its simplification, still keeps this far away
-    edge: int = 200  # one over the share of the picture's width around an object that may mix it with what is behind
-    smallest: float = 0.0004  # of the picture: a piece of the background covers at least so much
+    margin: float = 0.05  # distance of the background from objects
+    clear: float = 0.02  # distance of its solid boxes after simplification
+    edge: int = 200  # reciprocal of the width of the mixed band around an object, as a share of the picture's width
+    smallest: float = 0.0004  # of the picture: least piece of the background
 
 
 @dataclass(frozen=True)
-class Scenery:
-    """What is no object by where it is."""
+class SceneryFilter:
+    """Segments that are no objects by their position."""
 
-    base: float = 0.0  # what has its middle behind this x is behind the robot's base
-    beyond: float = 0.25  # what has its middle farther from the workspace than this is in no task's way
-    robot: float = 0.5  # of its pixels: a segment of which more are the robot's is a hole in the arm's depth
-    thin: int = 4  # pixels: what lies nearer to the robot,
-    mostly: float = 0.98  # with more of its pixels, is its edge
-    meets: int = 8  # pixels: what is so near to the robot is beside it
-    widest: int = 20  # pixels: its blurred edge is narrower
-    low: float = 0.025  # m: most of its blurred edge over the table is lower
-    fades: float = 0.015  # m: and most of its far third, for it fades into the table
-    falls: float = 0.003  # m: by more its near third is higher than that; a pen beside it is level
-    ring: int = 2  # pixels around a segment are its border:
-    segments: float = 0.1  # of it less is that of other segments beside a blurred edge,
-    borders: float = 0.04  # and more is the table's,
-    table: float = 0.008  # m: which is lower
-    mixed: float = 0.65  # of a segment: more of it mixes robot and wall, or it is an object that the robot hides
-    level: float = 0.005  # m: what mixes both has no level top, of which half is within this
+    base: float = 0.0  # x of the robot's base: segments with their middle behind it are left out
+    beyond: float = 0.25  # distance of a segment's middle from the workspace beyond which it is left out
+    robot: float = 0.5  # of its pixels on the robot: a hole in the arm's depth
+    thin: int = 4  # pixels around the robot,
+    mostly: float = 0.98  # least share of a segment within them that is the robot's edge
+    meets: int = 8  # pixels: distance of a segment beside the robot
+    widest: int = 20  # pixels: largest width of its blurred edge
+    low: float = 0.025  # m: largest median height of a blurred edge over the table,
+    fades: float = 0.015  # m: and of its far third, as it falls off to the table,
+    falls: float = 0.003  # m: least drop between near and far third; a pen beside the robot is level
+    ring: int = 2  # pixels around a segment that are its border,
+    segments: float = 0.1  # largest share of other segments in the border of a blurred edge,
+    borders: float = 0.04  # and least share of table,
+    table: float = 0.008  # m: below which a pixel is table
+    mixed: float = 0.65  # least share of a segment that mixes robot and wall; less is an object that the robot occludes
+    level: float = 0.005  # m: range of the upper half of a level top, which mixtures lack
 
 
 @dataclass(frozen=True)
 class CoverageMeasuring:
-    """Which pixels rise above the table, and which of those that no object owns are listed."""
+    """Raised pixels, and the listed regions without owner."""
 
-    lowest: float = 0.004  # what is lower is the table
-    deviations: float = 1.5  # and what is lower than so many standard deviations of the table's points
-    foot: int = 4  # pixels: a foot reaches so far from what clearly rises
-    enclosed: float = 0.7  # of its border: what rises encloses a piece with more than this
-    listed: float = 0.005  # of what rises: a smaller region is counted, but not listed
-    most: float = 0.5  # of a region: what holds of more than this share of it is the reason
-    thin: int = 5  # pixels: what is thinner is an edge
-    halo: int = 7  # pixels around what is left out: its blurred edges do not count, but for what beside the robot,
-    high: float = 0.02  # m: and not at it, is higher: of that 2 in 3 pixels show an object, of lower ones 1 in 10
-    named: int = 3  # regions are named in a warning
+    lowest: float = 0.004  # lower is the table
+    deviations: float = 1.5  # or lower than this many standard deviations of the table's points
+    foot: int = 4  # pixels: reach of a foot from clearly raised pixels
+    enclosed: float = 0.7  # least share of its border along raised pixels of an enclosed piece
+    listed: float = 0.005  # of the raised pixels: least size of a listed region
+    most: float = 0.5  # of a region: least share of its pixels that a reason explains
+    thin: int = 5  # pixels: thinner regions are edges
+    halo: int = 7  # pixels around left-out areas whose blurred edges do not count, but beside the robot,
+    high: float = 0.02  # m: and not at it, from this height: of those 2 in 3 pixels show an object, of lower 1 in 10
+    named: int = 3  # regions in a warning
 
 
 @dataclass(frozen=True)
@@ -342,7 +343,7 @@ class Perception:
     settling: Settling = Settling()
     relations: SupportRelations = SupportRelations()
     coverage: CoverageMeasuring = CoverageMeasuring()
-    scenery: Scenery = Scenery()
+    scenery: SceneryFilter = SceneryFilter()
 
 
 DEFAULT = Perception()

@@ -1,4 +1,4 @@
-"""Small geometry on masks and footprints."""
+"""Geometry of masks, labels and footprints."""
 
 from collections.abc import Sequence
 from typing import Any, TypeVar
@@ -13,8 +13,8 @@ from grs_agents.perception.types import Array, Mask
 Labels = npt.NDArray[np.int32]
 Index = npt.NDArray[np.intp]
 Value = TypeVar("Value", bound=np.generic)
-THINNEST = 0.012  # a footprint is at least this wide (m): thinner ones are seen edge on
-ALIKE = 1.08  # rectangles of which the areas differ by less than this factor fit alike
+THINNEST = 0.012  # least width of a footprint (m): thinner objects are seen edge on
+ALIKE = 1.08  # ratio of areas below which rectangles fit equally well
 
 
 def depth_in_metres(units: "npt.NDArray[np.number[Any]]", scale: float) -> npt.NDArray[np.float32]:
@@ -30,7 +30,7 @@ def label_connected_components(mask: cv2.typing.MatLike, smallest: int) -> Label
         return labels
     pixels = np.flatnonzero(mask)
     owners = labels.ravel().take(pixels)
-    large = np.bincount(owners, minlength=1) >= smallest  # counted faster than with the components' other figures
+    large = np.bincount(owners, minlength=1) >= smallest  # faster than connectedComponentsWithStats
     large[0] = False
     labels.put(pixels, np.where(large, np.cumsum(large), 0).take(owners))
     return labels
@@ -46,18 +46,18 @@ def pixels_by_label(labels: Labels) -> list[Index]:
 
 
 def values_in_mask(picture: npt.NDArray[Value], mask: Mask) -> npt.NDArray[Value]:
-    """(N, D) what an (H, W, D) picture holds at the pixels of a mask (H, W); many times as fast as indexing by it."""
+    """(N, D) values of a picture (H, W, D) at the pixels of a mask (H, W); much faster than boolean indexing."""
     return picture.reshape(-1, picture.shape[-1]).take(np.flatnonzero(mask), axis=0)
 
 
 def pixels_in_mask(mask: Mask) -> tuple[Index, Index]:
-    """Rows and columns of the pixels of a mask (H, W), as `np.nonzero`; many times as fast where they are few."""
+    """Rows and columns of the pixels of a mask (H, W), as `np.nonzero`; much faster for few pixels."""
     rows, columns = np.divmod(np.flatnonzero(mask), mask.shape[1])
     return rows, columns
 
 
 def mask_bounding_slices(mask: Mask) -> tuple[slice, slice]:
-    """The least rows and columns that hold all of a mask (H, W)."""
+    """Bounding rows and columns of a mask (H, W)."""
     rows = np.flatnonzero(mask.any(axis=1))
     if not len(rows):
         return slice(0, 0), slice(0, 0)
@@ -67,7 +67,7 @@ def mask_bounding_slices(mask: Mask) -> tuple[slice, slice]:
 
 
 def grow_window(window: tuple[slice, slice], reach: int) -> tuple[slice, slice]:
-    """Rows and columns of a picture, and so many more on each side as it has."""
+    """A window of rows and columns, grown by ``reach`` pixels on each side within the picture."""
     rows, columns = window
     return slice(max(0, rows.start - reach), rows.stop + reach), slice(
         max(0, columns.start - reach), columns.stop + reach
@@ -84,14 +84,15 @@ def mask_outline_pixels(mask: Mask) -> npt.NDArray[np.int32]:
 
 
 def convex_outline_mask(mask: Mask) -> Mask:
-    """(H, W) the pixels within the convex hull of a mask that is not empty."""
+    """(H, W) pixels within the convex hull of a nonempty mask."""
     hull = cv2.convexHull(mask_outline_pixels(mask))
     return np.asarray(cv2.fillConvexPoly(np.zeros(mask.shape, np.uint8), hull, 1), np.bool_)
 
 
 def compute_percentiles(values: Array, shares: Sequence[float]) -> Array:
-    """(K,) or (K, D) as `np.percentile` along the first axis, several times as fast on some thousand values.
-    ``values`` are (N,) or (N, D), all finite, at least one; ``shares`` (K,) per cent."""
+    """(K,) or (K, D) as `np.percentile` along the first axis, several times as fast for some thousand values.
+
+    ``values`` are (N,) or (N, D), finite, N > 0; ``shares`` (K,) per cent."""
     ordered = np.sort(np.ascontiguousarray(values.T), axis=-1)
     place = np.asarray(shares) / 100 * (len(values) - 1)
     below = place.astype(np.intp)
@@ -101,15 +102,15 @@ def compute_percentiles(values: Array, shares: Sequence[float]) -> Array:
 
 
 def points_in_box_mask(points: Array, low: Array, high: Array) -> Mask:
-    """Which of the (N, D) ``points`` lie in the axis-aligned box from ``low`` to ``high``, both (D,)."""
+    """(N,) points (N, D) in the axis-aligned box from ``low`` to ``high``, both (D,)."""
     inside = np.ones(len(points), np.bool_)
-    for axis in range(points.shape[1]):  # many times as fast as comparing rows
+    for axis in range(points.shape[1]):  # much faster than comparing rows
         inside &= (points[:, axis] >= low[axis]) & (points[:, axis] <= high[axis])
     return inside
 
 
 def convex_footprint_hull(points: Array) -> Array:
-    """(M, 2) corners of the convex footprint of (N, 2 or 3) points; one corner where all points are the same."""
+    """(M, 2) corners of the convex footprint of (N, 2 or 3) points; a single corner if all points coincide."""
     footprint = np.asarray(points[:, :2], np.float32)
     if len(footprint) == 0 or (footprint == footprint[0]).all():
         return footprint[:1].astype(np.float64)
@@ -117,7 +118,7 @@ def convex_footprint_hull(points: Array) -> Array:
 
 
 def points_in_hull_mask(points: Array, hull: Array, margin: float) -> Mask:
-    """Which of the (N, 2) ``points`` lie in the convex ``hull`` (M, 2) grown by ``margin`` metres."""
+    """(N,) points (N, 2) in the convex ``hull`` (M, 2) grown by ``margin`` metres."""
     if len(hull) < 3:
         return np.zeros(len(points), np.bool_)
     edges = np.concatenate([hull[1:], hull[:1]]) - hull
@@ -134,9 +135,13 @@ def axes_from_yaws(yaws: Array) -> Array:
 
 
 def fit_smallest_rectangle(cloud: Array) -> tuple[tuple[float, float], tuple[float, float], float]:
-    """Centre, sides (m) and yaw (rad, within 45 degrees) of the smallest rectangle that holds 99 % of each side.
-    Of two sides that meet in a corner without a top, rectangles at several yaws are equally small: of those about as
-    small as the smallest, the one whose sides are nearest to the points is taken."""
+    """Smallest rectangle around 99 % of the points along each side.
+
+    For two walls that meet in a corner, rectangles at several yaws are about equally small: of these the rectangle with
+    sides nearest to the points is taken.
+
+    Returns: Centre, sides (m) and yaw (rad, within 45 degrees).
+    """
     flat = cloud[:: len(cloud) // 1000 + 1, :2]
     yaws = np.deg2rad(np.arange(-45.0, 45.0, 1.5))
     axes = axes_from_yaws(yaws)
@@ -153,10 +158,10 @@ def fit_smallest_rectangle(cloud: Array) -> tuple[tuple[float, float], tuple[flo
 
 
 def share_of_borders(pieces: Labels, mask: Mask) -> Array:
-    """(N + 1,) which share of the border of each piece, from 1 in ``pieces`` (H, W), is with the ``mask`` (H, W)."""
+    """(N + 1,) share of the border of each piece, from 1 in ``pieces`` (H, W), along the ``mask`` (H, W)."""
     border, enclosed = np.zeros((2, int(pieces.max()) + 1))
-    for one, other in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
-        for inner, outer in ((one, other), (other, one)):
+    for first, second in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
+        for inner, outer in ((first, second), (second, first)):
             edge = (pieces[inner] > 0) & (pieces[outer] != pieces[inner])
             border += np.bincount(pieces[inner][edge], minlength=len(border))
             enclosed += np.bincount(pieces[inner][edge & mask[outer]], minlength=len(border))

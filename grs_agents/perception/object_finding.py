@@ -1,20 +1,39 @@
-"""From a photo with its table to the objects on it: without robot and walls, whatever tool segments."""
+"""Objects on the table: segments by a tool, without robot, bin walls, arms, and surroundings of the workspace."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from grs_agents.perception.bin_walls.bin_walls import find_bin_walls
-from grs_agents.perception.bin_walls.seen_walls import SeenWalls
-from grs_agents.perception.scenery import SortedCandidates, separate_scenery_from_objects, unite_mask_with_candidates
+from grs_agents.perception.bin_walls.walls import SeenWalls
+from grs_agents.perception.configuration import DEFAULT
+from grs_agents.perception.coverage import measure_coverage, raised_pixel_mask
 from grs_agents.perception.segmentation.color_borders import fit_masks_to_color
-from grs_agents.perception.types import Candidate, Mask, RGBDFrame, TableFrame
+from grs_agents.perception.segmentation.segmentation import is_segment_entering_view
+from grs_agents.perception.table_finding import robot_frame_point_map
+from grs_agents.perception.types import Array, Candidate, Mask, RGBDFrame, TableFrame, X, Y
+from grs_agents.perception.working_resolution import downscale_frame, downscale_mask, repeat_cells
+
+CONFIG = DEFAULT.scenery
+ROBOT = "the robot, at the joints that camera.json gives"
+ENTERING = "comes in from above or from beyond the picture: an arm, a hand or a lamp"
+WALL = "the walls of a bin around the things"
+
+
+@dataclass(frozen=True)
+class SortedCandidates:
+    """Objects of a segmentation, and the rest."""
+
+    objects: tuple[Candidate, ...]  # numbered from 1
+    reasons: tuple[str, ...]  # of the segments left out, each once
+    left_out: Mask  # (H, W) their pixels, and those of the robot
 
 
 @dataclass(frozen=True)
 class FoundObjects(SortedCandidates):
-    """The objects with their borders, and what was left out."""
+    """The objects with their borders, and the rest."""
 
     blur: Mask  # (H, W) pixels at an object's border that have its depth, but not its colour
 
@@ -22,17 +41,17 @@ class FoundObjects(SortedCandidates):
 def find_objects(
     frame: RGBDFrame, table: TableFrame, robot: Mask, segment: Callable[[RGBDFrame], Sequence[Candidate]]
 ) -> FoundObjects:
-    """The objects on the table, and what was left out. Their borders are where the colours change.
+    """Find the objects on the table, with borders at colour edges.
 
     Args:
         frame: the photo.
         table: the table in it.
-        robot: (H, W) the pixels that are known to show the robot.
-        segment: a segment tool; it is given the photo without the depth of the robot and of a bin's walls.
+        robot: (H, W) pixels known to show the robot.
+        segment: a segment tool; its frame lacks the depth of the robot and of a bin's walls.
     """
     walls = find_bin_walls(frame, table, robot)
     candidates = segment(_without_depth(frame, robot | walls.pixels))
-    if walls.pixels.any() and any(one.given for one in candidates):  # who gave masks says what is an object
+    if walls.pixels.any() and any(candidate.given for candidate in candidates):  # masks of the user overrule walls
         walls = SeenWalls(np.zeros_like(robot), np.zeros_like(robot))
         candidates = segment(_without_depth(frame, robot))
     found = separate_scenery_from_objects(candidates, robot, walls, frame, table)
@@ -44,3 +63,103 @@ def find_objects(
 
 def _without_depth(frame: RGBDFrame, known: Mask) -> RGBDFrame:
     return replace(frame, depth=np.where(known, np.float32(0), frame.depth)) if known.any() else frame
+
+
+def separate_scenery_from_objects(
+    candidates: Sequence[Candidate], robot: Mask, walls: SeenWalls, frame: RGBDFrame, table: TableFrame
+) -> SortedCandidates:
+    """Separate objects from surroundings, at the photo's working size.
+
+    No objects are the robot, the walls of a bin, segments behind the base of a calibrated robot or beyond its
+    workspace, and segments or unsegmented regions that enter from above or from beyond the picture.
+
+    Args:
+        candidates: the segments, robot frame.
+        robot: (H, W) pixels known to show the robot.
+        walls: the walls of a bin in the photo.
+        frame: the photo.
+        table: the table in it.
+    """
+    small, factor = downscale_frame(frame)
+    points = robot_frame_point_map(small, table)
+    known = robot | walls.pixels
+    reduced = [replace(item, mask=downscale_mask(item.mask, factor)) for item in candidates if not item.given]
+    small_robot = downscale_mask(robot, factor)
+    seen = replace(walls, pixels=downscale_mask(walls.pixels, factor), mixed=downscale_mask(walls.mixed, factor))
+    owned = unite_mask_with_candidates(np.zeros_like(small_robot), reduced)
+    why: dict[int, str] = {}
+    for item in reduced:
+        x, y, _ = item.box.center
+        if is_segment_entering_view(item.mask, points, small.camera, DEFAULT.segmentation):
+            why[item.id] = ENTERING
+        elif table.origin == "calibrated" and x < CONFIG.base:
+            why[item.id] = f"behind the robot's base, at x = {x:.2f}, y = {y:.2f} m"
+        elif table.origin == "calibrated" and (
+            x > X[1] + CONFIG.beyond or not Y[0] - CONFIG.beyond <= y <= Y[1] + CONFIG.beyond
+        ):
+            why[item.id] = f"beyond the workspace, at x = {x:.2f}, y = {y:.2f} m"
+    if small_robot.any():
+        distance = np.asarray(cv2.distanceTransform((~small_robot).astype(np.uint8), cv2.DIST_L2, 5), np.float64)
+        why |= {item.id: ROBOT for item in reduced if _is_robot(item.mask, distance, points[..., 2], owned)}
+    for item in reduced:
+        heights = points[item.mask, 2]
+        measured = np.isfinite(heights)
+        is_mixed = seen.mixed[item.mask][measured].sum() > CONFIG.mixed * measured.sum() and measured.any()
+        if is_mixed:  # of robot and wall, unless its top is level
+            middle, top = np.percentile(heights[measured], (50, 98))
+            is_mixed = top - middle > CONFIG.level
+        if is_mixed or seen.has_as_rim(points[item.mask], points[owned & ~item.mask]):
+            why[item.id] = WALL
+    why = {item.id: why[item.id] for item in reduced if item.id in why}  # in the order of the segments
+    kept = [item for item in candidates if item.id not in why]
+    left_out = unite_mask_with_candidates(known, [item for item in candidates if item.id in why])
+    owned = unite_mask_with_candidates(left_out, kept)
+    reasons = [*([ROBOT] if robot.any() else []), *([WALL] if walls.pixels.any() else []), *why.values()]
+    above = raised_pixel_mask(small, table, downscale_mask(left_out, factor))
+    for mask, _ in measure_coverage(small, table, above, downscale_mask(owned, factor)).regions:
+        if is_segment_entering_view(mask, points, frame.camera, DEFAULT.segmentation):
+            reasons.append(ENTERING)
+            left_out |= repeat_cells(mask, frame, factor) & ~owned
+    numbered = tuple(replace(item, id=number) for number, item in enumerate(kept, 1))
+    return SortedCandidates(numbered, tuple(dict.fromkeys(reasons)), left_out)
+
+
+def unite_mask_with_candidates(mask: Mask, candidates: Sequence[Candidate]) -> Mask:
+    """(H, W) union of the ``mask`` (H, W) and those of the candidates."""
+    united = mask.copy()
+    for candidate in candidates:
+        united |= candidate.mask
+    return united
+
+
+def _is_robot(segment: Mask, distance: Array, height: Array, owned: Mask) -> bool:
+    """Whether a segment (H, W) is a hole in the robot's depth that smoothing filled, or its blurred edge.
+
+    Args:
+        distance: (H, W) of each pixel from the robot, pixels.
+        height: (H, W) m.
+        owned: (H, W) pixels of all segments.
+    """
+    near = distance[segment]
+    hole = np.count_nonzero(near <= 0) > CONFIG.robot * len(near)
+    # Thin parts of an arm mix with the background and are measured off the model.
+    if hole or np.count_nonzero(near < CONFIG.thin) > CONFIG.mostly * len(near):
+        return True
+    if not len(near):  # a speck of a large photo
+        return False
+    # A blurred edge is a strip along the robot that falls off towards the table.
+    width = float(np.percentile(near, 98))
+    if near.min() >= CONFIG.meets or width >= CONFIG.widest:
+        return False
+    heights = height[segment]
+    parts = (heights[near < width / 3], heights, heights[near > width * 2 / 3])
+    inner, middle, outer = (float(np.nanmedian(part)) if np.isfinite(part).any() else 0.0 for part in parts)
+    if middle >= CONFIG.low or outer >= CONFIG.fades or inner - outer <= CONFIG.falls:
+        return False
+    # It borders on table and hardly on other segments, or it is part of an object, as the side of a bowl is.
+    around = np.ones((2 * CONFIG.ring + 1,) * 2, np.uint8)
+    ring = (cv2.dilate(segment.astype(np.uint8), around) > 0) & ~segment
+    count = np.count_nonzero(ring)
+    if np.count_nonzero(ring & owned) >= CONFIG.segments * count:
+        return False
+    return bool(np.count_nonzero(ring & ~owned & (height < CONFIG.table)) > CONFIG.borders * count)

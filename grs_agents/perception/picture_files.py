@@ -1,4 +1,4 @@
-"""Pictures of a scene: the frame, masks and crops as files, and an annotated photo for people."""
+"""Picture files of a scene: frame, masks, crops, and an annotated photo for people."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,7 +14,7 @@ from grs_agents.perception.image_geometry import depth_in_metres, mask_bounding_
 from grs_agents.perception.types import Camera, Candidate, CandidateRecord, Image, Mask, RGBDFrame
 
 ANNOTATED_SIDE = 1280
-"""Pixels of the longer side of the annotated photo at most: on a larger one its lines and numbers could not be seen."""
+"""Largest side of the annotated photo, pixels: on a larger photo lines and numbers would be invisible."""
 COLORS = ((230, 60, 60), (60, 180, 75), (60, 110, 230), (245, 160, 40), (150, 60, 190), (60, 200, 220), (230, 80, 200))
 
 
@@ -26,7 +26,7 @@ def save_frame(frame: RGBDFrame, run: Path) -> dict[str, str]:
 
 
 def round_depth_as_saved(frame: RGBDFrame, source: str) -> RGBDFrame:
-    """The frame that `load_frame` would read of what `save_frame` wrote: its depth is in whole units."""
+    """The frame with its depth in whole units, as `load_frame` reads it after `save_frame`."""
     metres = depth_in_metres(_to_depth_units(frame), frame.camera.depth_scale)
     return RGBDFrame(frame.rgb, metres, frame.camera, Path(source))
 
@@ -36,14 +36,14 @@ def _to_depth_units(frame: RGBDFrame) -> npt.NDArray[np.uint16]:
 
 
 def load_frame(run: Path, camera: Camera, source: str) -> RGBDFrame:
-    """Read again what `save_frame` wrote; raises InputError if the pictures are gone."""
+    """Read the pictures of `save_frame`; raises InputError if they are gone."""
     color, depth = (read_picture(run / name, cv2.IMREAD_UNCHANGED) for name in ("scene/rgb.png", "scene/depth.png"))
     metres = depth_in_metres(depth, camera.depth_scale)
     return RGBDFrame(np.asarray(cv2.cvtColor(color, cv2.COLOR_BGR2RGB), np.uint8), metres, camera, Path(source))
 
 
 def load_mask(file: Path) -> Mask:
-    """Read a mask that `save_candidates` wrote, (H, W) bool; raises InputError if it is gone."""
+    """Read a mask (H, W) of `save_candidates`; raises InputError if it is gone."""
     return read_picture(file, cv2.IMREAD_UNCHANGED) > 0
 
 
@@ -55,22 +55,22 @@ def save_candidates(frame: RGBDFrame, candidates: Sequence[Candidate], run: Path
 def save_candidates_after_earlier(
     frame: RGBDFrame, candidates: Sequence[Candidate], earlier: Sequence[CandidateRecord], run: Path
 ) -> tuple[CandidateRecord, ...]:
-    """Write candidates like `save_candidates`; label image and annotated photo show the ``earlier`` ones below them."""
-    records = tuple(_save_mask_and_crop(one, run) for one in candidates)
-    masks = {one.id: load_mask(run / one.mask) for one in earlier} | {one.id: one.mask for one in candidates}
+    """As `save_candidates`; label image and annotated photo show the ``earlier`` candidates below the new."""
+    records: list[CandidateRecord] = []
+    for candidate in candidates:
+        mask, crop = f"scene/mask_{candidate.id:02d}.png", f"scene/crop_{candidate.id:02d}.png"
+        flags = (cv2.IMWRITE_PNG_BILEVEL, 1)  # three times as fast to read
+        write_png(run / mask, candidate.mask.view(np.uint8), *flags)
+        write_png(run / crop, cv2.cvtColor(candidate.crop, cv2.COLOR_RGB2BGR))
+        records.append(CandidateRecord.model_validate({**vars(candidate), "mask": mask, "crop": crop}))
+    masks = {record.id: load_mask(run / record.mask) for record in earlier}
+    masks |= {candidate.id: candidate.mask for candidate in candidates}
     labels = np.zeros(frame.depth.shape, np.uint8)
     for number, mask in masks.items():
         labels[mask] = number
     write_png(run / "scene/masks.png", labels)
     write_png(run / "scene/annotated.png", cv2.cvtColor(draw_candidate_overlay(frame, masks), cv2.COLOR_RGB2BGR))
-    return records
-
-
-def _save_mask_and_crop(one: Candidate, run: Path) -> CandidateRecord:
-    mask, crop = f"scene/mask_{one.id:02d}.png", f"scene/crop_{one.id:02d}.png"
-    write_png(run / mask, one.mask.view(np.uint8), cv2.IMWRITE_PNG_BILEVEL, 1)  # three times as fast to read
-    write_png(run / crop, cv2.cvtColor(one.crop, cv2.COLOR_RGB2BGR))
-    return CandidateRecord.model_validate({**vars(one), "mask": mask, "crop": crop})
+    return tuple(records)
 
 
 def draw_candidate_overlay(frame: RGBDFrame, masks: Mapping[int, Mask]) -> Image:
@@ -78,16 +78,20 @@ def draw_candidate_overlay(frame: RGBDFrame, masks: Mapping[int, Mask]) -> Image
     picture = frame.rgb.copy()
     if (scale := ANNOTATED_SIDE / max(frame.depth.shape)) < 1:
         picture = np.asarray(cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
-        masks = {number: _resize_mask(mask, picture.shape) for number, mask in masks.items()}
-        masks = {number: mask for number, mask in masks.items() if mask.any()}
+        size = picture.shape[1::-1]
+        resized = {
+            number: np.asarray(cv2.resize(mask.view(np.uint8), size, interpolation=cv2.INTER_NEAREST), np.bool_)
+            for number, mask in masks.items()
+        }
+        masks = {number: mask for number, mask in resized.items() if mask.any()}
     for number, mask in masks.items():
         color = COLORS[number % len(COLORS)]
         window = mask_bounding_slices(mask)
-        part, own = picture[window], mask[window]
-        part[own] = (0.6 * part[own] + 0.4 * np.array(color)).astype(np.uint8)
+        part, pixels = picture[window], mask[window]
+        part[pixels] = (0.6 * part[pixels] + 0.4 * np.array(color)).astype(np.uint8)
         top_left = (window[1].start, window[0].start)
         outlines, _ = cv2.findContours(
-            own.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE, offset=top_left
+            pixels.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE, offset=top_left
         )
         cv2.drawContours(picture, outlines, -1, color, 2)
     for number, mask in masks.items():
@@ -97,12 +101,6 @@ def draw_candidate_overlay(frame: RGBDFrame, masks: Mapping[int, Mask]) -> Image
         for thickness, color in ((4, (0, 0, 0)), (1, (255, 255, 255))):
             cv2.putText(picture, str(number), place, cv2.FONT_HERSHEY_SIMPLEX, 0.6, color, thickness, cv2.LINE_AA)
     return picture
-
-
-def _resize_mask(mask: Mask, shape: tuple[int, ...]) -> Mask:
-    """A mask at the size of a picture of ``shape`` (h, w, ...)."""
-    resized = cv2.resize(mask.view(np.uint8), shape[1::-1], interpolation=cv2.INTER_NEAREST)
-    return np.asarray(resized, np.bool_)
 
 
 def write_png(file: Path, image: "npt.NDArray[np.integer[Any] | np.floating[Any]]", *flags: int) -> None:

@@ -1,4 +1,4 @@
-"""Models of the user's own, as transformers writes them into folders: opened from disk, never from a hub."""
+"""The user's models in folders written by transformers: loaded from disk, never from a hub."""
 
 import json
 from collections.abc import Generator, Mapping
@@ -13,8 +13,10 @@ LOCAL: Mapping[str, bool] = {"local_files_only": True}
 
 def load_model_config(setting: str, name: str | None, tool: str) -> tuple[Path, dict[str, Any]]:
     """The folder ``name`` of a tool's model and its configuration.
-    Raises ConfigError: the ``setting`` of our configuration, as ``depth.model``, names none, or no folder of a
-    model."""
+
+    Raises:
+        ConfigError: the ``setting`` of our configuration, as ``depth.model``, is unset or names no folder of a model.
+    """
     if name is None:
         raise ConfigError(f"tool {tool} needs a model", f"name its folder: --set {setting}=FOLDER")
     folder = Path(name)
@@ -27,8 +29,11 @@ def load_model_config(setting: str, name: str | None, tool: str) -> tuple[Path, 
 
 
 def load_pretrained_model(kind: Any, folder: Path, setting: str, transformers: Any, **options: Any) -> Any:
-    """A model of a class of transformers with all its weights, in the mode of use.
-    Raises InputError: weights are missing; transformers would go on with random ones."""
+    """A model of a class of transformers with all its weights, in evaluation mode.
+
+    Raises:
+        InputError: weights are missing; transformers would initialise them at random.
+    """
     transformers.logging.set_verbosity_error()
     transformers.logging.disable_progress_bar()
     model, notes = kind.from_pretrained(str(folder), use_safetensors=True, output_loading_info=True, **LOCAL, **options)
@@ -42,7 +47,7 @@ def load_pretrained_model(kind: Any, folder: Path, setting: str, transformers: A
 
 @contextmanager
 def wrap_model_errors(what: str, folder: Path, photo: object, loader: str) -> Generator[None]:
-    """Whatever the libraries of a model think of a user's folder or photo becomes one line, an InputError."""
+    """Convert any error of a model's libraries to an InputError of a single line."""
     try:
         yield
     except GrsError:

@@ -1,4 +1,4 @@
-"""Which pixels of a photo show the robot, where the camera is calibrated and the arm's joints are given."""
+"""Pixels of a photo that show the robot, if the camera is calibrated and the arm's joints are given."""
 
 from collections.abc import Sequence
 
@@ -10,15 +10,18 @@ from grs_agents.library.library import Library
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.types import Array, Mask, RGBDFrame
 from grs_agents.sim.arms.registry import get_arm
-from grs_agents.sim.rendering.plain_pictures import render_along_rays
-from grs_agents.sim.rendering.views import VisibleScene
+from grs_agents.sim.rendering.cameras import VisibleScene
+from grs_agents.sim.rendering.pictures import render_along_rays
 
 CONFIG = DEFAULT.robot
 
 
 def require_joints_within_limits(joints: Sequence[float], robot: str) -> None:
-    """Whether an arm, by name or path, can be at joint positions (dof,), rad, or m of a slide.
-    Raises InputError: their number is another, or one is outside its limits."""
+    """Check joint positions (dof,) of an arm, by name or path; rad, or m of a slide.
+
+    Raises:
+        InputError: their number is wrong, or a position is outside its limits.
+    """
     arm = get_arm(robot)
     if len(joints) != arm.dof:
         raise InputError(
@@ -35,8 +38,8 @@ def require_joints_within_limits(joints: Sequence[float], robot: str) -> None:
 
 
 def render_robot_depth(frame: RGBDFrame, robot: str, library: Library) -> Array:
-    """(H, W) the depth, m, of an arm alone, by name or path, at the joints that the frame's camera tells; infinite
-    where it is not seen, and everywhere where the camera is not calibrated, or the joints are not given.
+    """(H, W) depth, m, of an arm alone, by name or path, at the joints of the frame's camera; infinite beside it, and
+    everywhere without calibration or joints.
 
     Raises:
         InputError: the arm cannot be at these joints.
@@ -46,11 +49,10 @@ def render_robot_depth(frame: RGBDFrame, robot: str, library: Library) -> Array:
 
 
 def robot_pixel_mask(frame: RGBDFrame, robot: str, library: Library) -> Mask:
-    """(H, W) the pixels that show an arm, by name or path, at the joints that the frame's camera tells.
+    """(H, W) pixels that show an arm, by name or path, at the joints of the frame's camera.
 
-    A pixel does if its point lies within a margin of the arm as the photo's camera sees it: the model and the
-    calibration are not exact, and the margin is the wider the more the photo's depth is off the arm's. None does where
-    the camera is not calibrated, or the joints are not given.
+    These are the pixels whose point lies within a margin of the rendered arm. The margin grows with the measured error
+    of model and calibration. None without calibration or joints.
 
     Raises:
         InputError: the arm cannot be at these joints.
@@ -61,46 +63,37 @@ def robot_pixel_mask(frame: RGBDFrame, robot: str, library: Library) -> Mask:
     on_arm = np.isfinite(_enlarge(seen, frame)) & (frame.depth <= 0)
     if not np.isfinite(seen).any():
         return np.asarray(on_arm, np.bool_)
-    margin = _measure_margin(_enlarge(seen, frame), frame)
-    # By layers: a margin is many pixels of a near link and few of a far one, and what lies between both is no arm.
+    # The margin follows from the depth errors where the arm should be, away from its edges.
+    arm, (margin, widest) = _enlarge(seen, frame), CONFIG.margin
+    inside = cv2.erode(np.isfinite(arm).astype(np.uint8), np.ones((CONFIG.inset,) * 2, np.uint8)) > 0
+    errors = np.abs(frame.depth - arm)[inside & (frame.depth > 0)]
+    errors = errors[errors < 2 * widest]  # a larger error is an occluder
+    if len(errors) < CONFIG.fewest:
+        margin = widest
+    else:
+        estimate = CONFIG.blur + CONFIG.errors * np.percentile(errors, CONFIG.percentile)
+        margin = float(np.clip(estimate, margin, widest))
+    # In layers of depth: a margin is many pixels of a near link and few of a far link, without the space in between.
     start, end = 0.0, max(float(seen.min()), CONFIG.nearest)
     while np.isfinite(seen[seen >= start]).any():
         layer = np.where((seen >= start) & (seen < end * CONFIG.layer), seen, np.inf)
-        near, far = _depths_within(layer, margin * frame.camera.fx / end / step)
-        low, high = _enlarge(near, frame), _enlarge(far, frame)
+        reach = int(np.ceil(margin * frame.camera.fx / end / step))
+        around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1,) * 2)
+        near, far = cv2.erode(layer, around), cv2.dilate(np.where(np.isfinite(layer), layer, -np.inf), around)
+        low, high = (_enlarge(np.asarray(cells, np.float64), frame) for cells in (near, far))
         on_arm |= (frame.depth > low - margin) & (frame.depth < high + margin)
         start = end = end * CONFIG.layer
     return np.asarray(on_arm, np.bool_)
 
 
-def _measure_margin(arm: Array, frame: RGBDFrame) -> float:
-    """How far, m, from an arm of this depth (H, W) what the photo shows may be the arm. How far calibration and model
-    are off is seen in the depth where the arm should be, away from its edges."""
-    least, widest = CONFIG.margin
-    inside = cv2.erode(np.isfinite(arm).astype(np.uint8), np.ones((CONFIG.inset,) * 2, np.uint8)) > 0
-    errors = np.abs(frame.depth - arm)[inside & (frame.depth > 0)]
-    errors = errors[errors < 2 * widest]  # what is off by more is something before the arm
-    if len(errors) < CONFIG.fewest:
-        return widest
-    return float(np.clip(CONFIG.blur + CONFIG.errors * np.percentile(errors, CONFIG.percentile), least, widest))
-
-
-def _depths_within(seen: Array, reach: float) -> tuple[Array, Array]:
-    """(h, w) the least and the greatest depth within so many pixels of each: infinite, and minus, where none is."""
-    around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * int(np.ceil(reach)) + 1,) * 2)
-    near = cv2.erode(seen, around)
-    far = cv2.dilate(np.where(np.isfinite(seen), seen, -np.inf), around)
-    return np.asarray(near, np.float64), np.asarray(far, np.float64)
-
-
 def _enlarge(cells: Array, frame: RGBDFrame) -> Array:
-    """(H, W) what the (h, w) ``cells`` hold, at the frame's size."""
+    """(H, W) the ``cells`` (h, w) enlarged to the frame's size, by the nearest cell."""
     size = (frame.camera.width, frame.camera.height)
     return np.asarray(cv2.resize(cells, size, interpolation=cv2.INTER_NEAREST), np.float64)
 
 
 def _render_arm_depth(frame: RGBDFrame, robot: str, library: Library) -> tuple[Array, int]:
-    """(h, w) depth (m) of the arm alone, infinite where it is not seen, and every how many pixels that is."""
+    """(h, w) depth (m) of the arm alone, infinite beside it, and the spacing of the rays in pixels."""
     camera, step = frame.camera, max(1, round((frame.depth.size / CONFIG.rays) ** 0.5))
     columns, rows = np.meshgrid(
         (np.arange(-(-camera.width // step)) + 0.5) * step - 0.5,

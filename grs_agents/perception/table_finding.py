@@ -1,4 +1,4 @@
-"""Find the table in a frame and lay the robot frame on it."""
+"""Table detection: level planes by RANSAC, choice of the table, and the robot frame on it."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from grs_agents.perception.types import Array, Camera, LevelPlane, RGBDFrame, Ta
 CONFIG = DEFAULT.table
 
 Index = npt.NDArray[np.intp]
-BEHIND = 0.001  # what is not at least so far in front of the camera (m) is taken to be so far
+BEHIND = 0.001  # least depth in projections, m
 OPENGL: Array = np.diag((1.0, -1.0, -1.0, 1.0))  # from OpenGL's camera axes (x right, y up, z backward) to OpenCV's
 
 
@@ -35,32 +35,71 @@ class Plane:
         return points @ self.normal + self.offset
 
     def height_in_frame(self, pose: Array) -> float:
-        """The z of the plane in the frame that the 4x4 ``pose`` leads to, where most of its points are, m."""
+        """The z of the plane at the middle of its points, transformed by the 4x4 ``pose``, m."""
         center = self.center - self.normal * float(self.normal @ self.center + self.offset)
         return float(pose[2, :3] @ center + pose[2, 3])
 
+    def has_objects(self, points: Array) -> bool:
+        """Whether enough of (N, 3) points lie over the visible area of the plane."""
+        heights = self.heights_of_points(points)
+        across = np.linalg.svd(self.normal[None])[2][1:]
+        inliers = np.abs(heights) < depth_tolerance(points[:, 2])
+        over = points.compress((heights > CONFIG.object_heights[0]) & (heights < CONFIG.object_heights[1]), axis=0)
+        hull = convex_footprint_hull(points.compress(inliers, axis=0) @ across.T)
+        loaded = np.count_nonzero(points_in_hull_mask(over @ across.T, hull, 0.0))
+        return bool(loaded >= CONFIG.loaded_share * np.count_nonzero(inliers))
+
+    def table_frame(self) -> TableFrame:
+        """A frame laid on the plane: z up, x along the camera's view, origin below the camera."""
+        z = self.normal
+        view = np.array([0.0, 0.0, 1.0]) - z * z[2]
+        if np.linalg.norm(view) < 0.1:  # straight from above: the picture's upper edge is ahead
+            view = np.array([0.0, -1.0, 0.0]) - z * -z[1]
+        x = view / np.linalg.norm(view)
+        rotation = np.stack([x, np.cross(z, x), z])
+        transform = np.eye(4)
+        transform[:3, :3] = rotation
+        transform[2, 3] = self.offset
+        note = "no T_robot_cam given: the robot frame is laid on the table found in the photo"
+        pose = matrix_to_tuples(transform)
+        return TableFrame(T_robot_cam=pose, origin="table_plane", residual=self.residual, inliers=self.share, note=note)
+
+    def calibrated_table_frame(self, given: Array) -> TableFrame:
+        """The calibrated frame ``given`` (4, 4), shifted along z to the self."""
+        height = self.height_in_frame(given)
+        moved = given.copy()
+        moved[2, 3] -= height
+        tilt = float(np.arccos(np.clip(given[2, :3] @ self.normal, -1, 1)))
+        notes = [f"the table top lies at z = {height:+.3f} m of the calibrated frame"] if abs(height) > 0.005 else []
+        if tilt > CONFIG.doubtful_tilt:
+            notes.append(f"the table tilts by {np.rad2deg(tilt):.1f} degrees against the calibrated frame")
+        pose, note, residual = matrix_to_tuples(moved), "; ".join(notes), self.residual
+        return TableFrame(
+            T_robot_cam=pose, origin="calibrated", residual=residual, inliers=self.share, height=height, note=note
+        )
+
 
 def depth_tolerance(distance: Array) -> Array:
-    """How far a depth pixel may be off its plane: sensors are worse with the square of the distance (m)."""
+    """Tolerance of a depth pixel against its plane, m; noise grows with the square of the distance."""
     return 0.005 + 0.003 * distance**2
 
 
 def find_table(frame: RGBDFrame, rng: np.random.Generator, choice: TableChoice = "auto") -> TableFrame:
-    """Find the level planes by RANSAC, each refined by least squares, and take one of them for the table.
+    """Find the level planes by RANSAC, each refined by least squares, and choose the table among them.
 
-    With ``T_robot_cam`` the robot frame is the given one, moved along z so that the table top is z = 0. Without it the
-    frame is put on the plane: z up, x along the camera's view, y to the left; the origin is below the camera until
-    `center_objects_in_workspace` moves it.
+    With ``T_robot_cam`` the robot frame is the calibrated frame, shifted along z so that the table top is z = 0.
+    Without it the frame is laid on the plane: z up, x along the camera's view, y to the left; the origin is below the
+    camera until `center_objects_in_workspace` moves it.
 
     Args:
         rng: draws the sample and the hypotheses.
-        choice: ``auto``: the plane at z = 0 of a calibrated frame; without calibration the plane with most pixels, or,
-            if there is one well above that with a fair share of the pixels and objects on it, that one. ``largest``:
-            most pixels. ``highest``. Or the number of a plane as `TableFrame.planes` lists them, from 1.
+        choice: ``auto``: the plane at z = 0 of a calibrated frame; without calibration the plane with most pixels, or a
+            plane well above it with a fair share of the pixels and objects on it. ``largest``: most pixels.
+            ``highest``. Or the number of a plane of `TableFrame.planes`, from 1.
 
     Raises:
         InputError: no plane that the camera looks down on holds enough of the pixels, there is no plane of that number,
-            or ``T_robot_cam`` puts the table elsewhere than at z = 0.
+            or ``T_robot_cam`` puts the table off z = 0.
     """
     known = np.flatnonzero(frame.depth > 0)
     picked = known[rng.choice(len(known), size=min(CONFIG.samples, len(known)), replace=False)]
@@ -71,7 +110,7 @@ def find_table(frame: RGBDFrame, rng: np.random.Generator, choice: TableChoice =
         level = " that is level in the frame of T_robot_cam" if given is not None else ""
         found = f"{frame.source}: found no table plane with at least {CONFIG.least_share:.0%} of the measured pixels"
         raise _no_table_error(found + level, (sample, given, rng))
-    plane = planes[_choose_table_plane(planes, sample, given, choice, frame)]
+    plane = _choose_table_plane(planes, sample, given, choice, frame)
     height = 0.0 if given is None else plane.height_in_frame(given)
     if given is not None and abs(height) > CONFIG.highest:
         raise _no_table_error(
@@ -79,25 +118,25 @@ def find_table(frame: RGBDFrame, rng: np.random.Generator, choice: TableChoice =
             f"more than {CONFIG.highest} m from the robot frame's z = 0",
             (sample, given, rng),
         )
-    table = _table_frame_from_plane(plane) if given is None else _calibrated_table_frame(plane, given)
-    heights = plane.heights_of_points(np.stack([other.center for other in planes]))
+    table = plane.table_frame() if given is None else plane.calibrated_table_frame(given)
+    heights = plane.heights_of_points(np.stack([level.center for level in planes]))
     listed = tuple(
-        LevelPlane(number=number, height=round(float(height), 4), share=other.share, taken=other is plane)
-        for number, (other, height) in enumerate(zip(planes, heights, strict=True), 1)
+        LevelPlane(number=number, height=round(float(height), 4), share=level.share, taken=level is plane)
+        for number, (level, height) in enumerate(zip(planes, heights, strict=True), 1)
     )
     return table.model_copy(update={"planes": listed})
 
 
 def describe_table_doubts(table: TableFrame) -> list[str]:
-    """Why the plane taken for the table may not be it: sentences for the reader of the scene, none without a doubt."""
+    """Doubts about the chosen table plane, as sentences for the user; empty without doubt."""
     if table.origin == "calibrated":
         return [table.note] if table.note else []
     found = [
-        f"the plane {abs(other.height):.2f} m {'above' if other.height > 0 else 'below'} the table may be the table: "
-        f"{other.share:.0%} of the pixels lie on it, {table.inliers:.0%} on the one taken; "
-        f"--set scene.table={other.number} takes it"
-        for other in table.planes
-        if not other.taken and (other.share > table.inliers or other.height > 0)
+        f"the plane {abs(plane.height):.2f} m {'above' if plane.height > 0 else 'below'} the table may be the table: "
+        f"{plane.share:.0%} of the pixels lie on it, {table.inliers:.0%} on the one taken; "
+        f"--set scene.table={plane.number} takes it"
+        for plane in table.planes
+        if not plane.taken and (plane.share > table.inliers or plane.height > 0)
     ]
     if table.inliers < CONFIG.doubtful_share:
         found.append(f"only {table.inliers:.0%} of the measured pixels lie on the plane taken for the table")
@@ -105,8 +144,9 @@ def describe_table_doubts(table: TableFrame) -> list[str]:
 
 
 def find_level_planes(points: Array, pose: Array | None, rng: np.random.Generator) -> list[Plane]:
-    """The level planes with enough of (N, 3) points (camera frame, m), well above each other; the lowest is first.
-    The calibrated 4x4 ``pose`` to the robot frame says what is level; without it the plane with most points does."""
+    """The level planes with enough of (N, 3) points (camera frame, m), well above each other, from the lowest up.
+
+    Vertical is the z axis of the calibrated 4x4 ``pose`` to the robot frame, else the normal of the largest plane."""
     up = None if pose is None else pose[:3, :3].T @ np.array([0.0, 0.0, 1.0])
     planes: list[Plane] = []
     rest, least = points, CONFIG.least_share
@@ -118,16 +158,31 @@ def find_level_planes(points: Array, pose: Array | None, rng: np.random.Generato
         rest = rest.compress(np.abs(plane.heights_of_points(rest)) > CONFIG.plane_distance, axis=0)
         if plane.normal @ up > np.cos(CONFIG.level):  # least squares may have tilted it
             planes.append(plane)
-    return sorted(planes, key=lambda one: -one.offset)
+    return sorted(planes, key=lambda plane: -plane.offset)
 
 
 def _fit_largest_plane(
     points: Array, up: Array | None, total: int, rng: np.random.Generator, anyhow: bool = False
 ) -> Plane | None:
-    """Fit the plane with most of (N, 3) points. Its share is relative to ``total``; ``anyhow`` allows any normal."""
+    """RANSAC plane with most of (N, 3) points, refined by least squares; its share is of ``total`` points.
+
+    The camera looks down on it and is not upside down; with ``up`` (3,) it is level. ``anyhow`` allows any normal."""
     bound = depth_tolerance(points[:, 2])
     best, normal, offset = 0, np.zeros(3), 0.0
-    for unit, through in zip(*_draw_plane_hypotheses(points, up, rng, anyhow), strict=True):
+    picked = np.stack([rng.choice(len(points), size=3, replace=False) for _ in range(CONFIG.rounds)])
+    a, b, c = points[picked.T]
+    crosses = np.cross(b - a, c - a)
+    lengths = np.linalg.norm(crosses, axis=1)
+    toward = np.where((crosses * a).sum(axis=1) > 0, -1.0, 1.0)
+    units = crosses / np.maximum(lengths, 1e-12)[:, None] * toward[:, None]
+    if anyhow:
+        plausible = np.ones(len(units), dtype=bool)
+    elif up is not None:
+        plausible = units @ up > np.cos(CONFIG.level)
+    else:
+        plausible = (-units[:, 2] > np.sin(CONFIG.lowest_tilt)) & (units[:, 1] < 0.3)
+    kept = plausible & (lengths >= 1e-5)
+    for unit, through in zip(units[kept], (units * a).sum(axis=1)[kept], strict=True):
         distance = points @ unit - through
         count = np.count_nonzero(np.abs(distance) < bound / 2)
         if count > best:
@@ -152,8 +207,8 @@ def _fit_largest_plane(
 
 def _choose_table_plane(
     planes: Sequence[Plane], points: Array, pose: Array | None, choice: TableChoice, frame: RGBDFrame
-) -> int:
-    """Which of the planes is the table; raises InputError if there is no plane of the number ``choice``."""
+) -> Plane:
+    """The table among the planes; raises InputError if there is no plane of the number ``choice``."""
     shares = [plane.share for plane in planes]
     largest = shares.index(max(shares))
     if isinstance(choice, int):
@@ -161,39 +216,23 @@ def _choose_table_plane(
             known = ", ".join(f"{number} ({share:.0%} of the pixels)" for number, share in enumerate(shares, 1))
             found = f"{frame.source}: scene.table = {choice}, but the level planes from the lowest up are {known}"
             raise InputError(found, "name one of those numbers, or auto, largest or highest")
-        return choice - 1
+        return planes[choice - 1]
     if choice == "highest":
-        return len(planes) - 1
-    return largest if choice == "largest" else _guess_table_plane(planes, points, pose, largest)
-
-
-def _guess_table_plane(planes: Sequence[Plane], points: Array, pose: Array | None, largest: int) -> int:
-    """Which plane is the table: the one at z = 0, without calibration one with objects on it well above the largest."""
+        return planes[-1]
+    if choice == "largest":
+        return planes[largest]
     if pose is not None:
-        likely = [number for number, plane in enumerate(planes) if abs(plane.height_in_frame(pose)) <= CONFIG.highest]
+        likely = [plane for plane in planes if abs(plane.height_in_frame(pose)) <= CONFIG.highest]
     else:
-        likely = [
-            number
-            for number, plane in enumerate(planes)
-            if number > largest and plane.share >= CONFIG.least_share and _has_objects_on_plane(plane, points)
-        ]
-    return max(likely, key=lambda number: planes[number].share, default=largest)
-
-
-def _has_objects_on_plane(plane: Plane, points: Array) -> bool:
-    """Whether objects stand on a plane: points over the area that is seen of it."""
-    heights = plane.heights_of_points(points)
-    across = np.linalg.svd(plane.normal[None])[2][1:]
-    own = np.abs(heights) < depth_tolerance(points[:, 2])
-    over = points.compress((heights > CONFIG.object_heights[0]) & (heights < CONFIG.object_heights[1]), axis=0)
-    hull = convex_footprint_hull(points.compress(own, axis=0) @ across.T)
-    loaded = np.count_nonzero(points_in_hull_mask(over @ across.T, hull, 0.0))
-    return bool(loaded >= CONFIG.loaded_share * np.count_nonzero(own))
+        above = [plane for plane in planes[largest + 1 :] if plane.share >= CONFIG.least_share]
+        likely = [plane for plane in above if plane.has_objects(points)]
+    return max(likely, key=lambda plane: plane.share, default=planes[largest])
 
 
 def _no_table_error(problem: str, seen: tuple[Array, Array | None, np.random.Generator]) -> InputError:
-    """The error that no table is where it should be, with the mistake in the pose or in the depth that explains it.
-    ``seen`` are (N, 3) sampled points in the camera frame, m; T_robot_cam, 4x4, if given; and what draws hypotheses."""
+    """Error for a missing table, with the likely mistake in the pose or in the depth.
+
+    ``seen`` are (N, 3) sampled points in the camera frame, m; T_robot_cam, 4x4, if given; and the random generator."""
     points, given, rng = seen
     for mistake, pose, mended in () if given is None else _pose_mistakes(given):
         heights = [plane.height_in_frame(pose) for plane in find_level_planes(points, pose, rng)]
@@ -213,14 +252,14 @@ def _no_table_error(problem: str, seen: tuple[Array, Array | None, np.random.Gen
     flat = _fit_largest_plane(points, None, len(points), rng, anyhow=True)
     for mistake, scaled, mended in _depth_mistakes(points):
         share = max((plane.share for plane in find_level_planes(scaled, given, rng)), default=0.0)
-        # A wrong depth bends planes: straight ones, whichever way they face, are no sign of it.
+        # A wrong depth bends planes; a flat plane of any orientation contradicts it.
         if share > CONFIG.doubtful_share + (flat.share if flat else 0.0):
             return InputError(f"{problem}; depth is probably {mistake}: with that {share:.0%} lie on a table", mended)
     return InputError(problem, "take the photo so that the table fills more of it and the camera looks down on it")
 
 
 def _pose_mistakes(given: Array) -> Iterator[tuple[str, Array, str]]:
-    """Usual mistakes in a pose: a name, the pose without it, 4x4, and how the user mends it."""
+    """Usual mistakes in a pose: a name, the corrected pose, 4x4, and the remedy."""
     inverse: Array = np.asarray(np.linalg.inv(given), dtype=np.float64)
     yield "is the inverse, from the robot frame to the camera", inverse, "give its inverse"
     yield "has OpenGL's camera axes (y up, z backward)", given @ OPENGL, "negate its second and third columns"
@@ -237,7 +276,7 @@ def _pose_mistakes(given: Array) -> Iterator[tuple[str, Array, str]]:
 
 
 def _depth_mistakes(points: Array) -> Iterator[tuple[str, Array, str]]:
-    """Usual mistakes in depth: a name, the (N, 3) points without it (camera frame, m), and how the user mends it."""
+    """Usual mistakes in depth: a name, the corrected (N, 3) points (camera frame, m), and the remedy."""
     rays = points / points[:, 2:]
     lengths = np.linalg.norm(rays, axis=1)
     yield (
@@ -249,59 +288,6 @@ def _depth_mistakes(points: Array) -> Iterator[tuple[str, Array, str]]:
         "inverse (disparity), up to a factor",
         rays * (1 / points[:, 2] / np.median(1 / points[:, 2]))[:, None],
         "give metres along the optical axis: focal length x baseline / disparity",
-    )
-
-
-def _draw_plane_hypotheses(
-    points: Array, up: Array | None, rng: np.random.Generator, anyhow: bool
-) -> tuple[Array, Array]:
-    """Planes through three points each: (N, 3) unit normals towards the camera, and (N,) products with their points.
-    The camera looks down on each of them and is not upside down; a calibrated table is level. ``anyhow`` allows any
-    normal."""
-    picked = np.stack([rng.choice(len(points), size=3, replace=False) for _ in range(CONFIG.rounds)])
-    a, b, c = points[picked.T]
-    crosses = np.cross(b - a, c - a)
-    lengths = np.linalg.norm(crosses, axis=1)
-    toward = np.where((crosses * a).sum(axis=1) > 0, -1.0, 1.0)
-    units = crosses / np.maximum(lengths, 1e-12)[:, None] * toward[:, None]
-    if anyhow:
-        plausible = np.ones(len(units), dtype=bool)
-    elif up is not None:
-        plausible = units @ up > np.cos(CONFIG.level)
-    else:
-        plausible = (-units[:, 2] > np.sin(CONFIG.lowest_tilt)) & (units[:, 1] < 0.3)
-    kept = plausible & (lengths >= 1e-5)
-    return units[kept], (units * a).sum(axis=1)[kept]
-
-
-def _table_frame_from_plane(plane: Plane) -> TableFrame:
-    z = plane.normal
-    view = np.array([0.0, 0.0, 1.0]) - z * z[2]
-    if np.linalg.norm(view) < 0.1:  # straight from above: the picture's upper edge is ahead
-        view = np.array([0.0, -1.0, 0.0]) - z * -z[1]
-    x = view / np.linalg.norm(view)
-    rotation = np.stack([x, np.cross(z, x), z])
-    transform = np.eye(4)
-    transform[:3, :3] = rotation
-    transform[2, 3] = plane.offset
-    note, pose = (
-        "no T_robot_cam given: the robot frame is laid on the table found in the photo",
-        matrix_to_tuples(transform),
-    )
-    return TableFrame(T_robot_cam=pose, origin="table_plane", residual=plane.residual, inliers=plane.share, note=note)
-
-
-def _calibrated_table_frame(plane: Plane, given: Array) -> TableFrame:
-    height = plane.height_in_frame(given)
-    moved = given.copy()
-    moved[2, 3] -= height
-    tilt = float(np.arccos(np.clip(given[2, :3] @ plane.normal, -1, 1)))
-    notes = [f"the table top lies at z = {height:+.3f} m of the calibrated frame"] if abs(height) > 0.005 else []
-    if tilt > CONFIG.doubtful_tilt:
-        notes.append(f"the table tilts by {np.rad2deg(tilt):.1f} degrees against the calibrated frame")
-    pose, note, residual = matrix_to_tuples(moved), "; ".join(notes), plane.residual
-    return TableFrame(
-        T_robot_cam=pose, origin="calibrated", residual=residual, inliers=plane.share, height=height, note=note
     )
 
 
@@ -323,7 +309,7 @@ def pixels_to_robot_frame(frame: RGBDFrame, table: TableFrame, rows: Index, colu
 
 
 def robot_frame_point_map(frame: RGBDFrame, table: TableFrame) -> Array:
-    """(H, W, 3) points in the robot frame, metres; NaN where there is no depth."""
+    """(H, W, 3) points in the robot frame, metres; NaN without depth."""
     transform = np.asarray(table.T_robot_cam)
     points = frame.camera_frame_point_map() @ transform[:3, :3].T
     points += transform[:3, 3]
@@ -340,7 +326,7 @@ def project_to_pixels(points: Array, camera: Camera, table: TableFrame) -> tuple
 
 
 def measured_depth_at_points(points: Array, frame: RGBDFrame, table: TableFrame) -> tuple[Array, Array]:
-    """(N,) depth (m) that the photo shows where it shows (N, 3) points, 0 where none is; and the points' own depth."""
+    """(N,) measured depth (m) at the pixels of (N, 3) points, 0 if unknown; and (N,) the depth of the points."""
     columns, rows, depth = project_to_pixels(points, frame.camera, table)
     height, width = frame.depth.shape
     columns = np.rint(np.clip(columns, -1, width)).astype(np.int64)

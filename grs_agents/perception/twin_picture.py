@@ -1,4 +1,4 @@
-"""The twin with the textures of its assets, as the photo's camera sees it, or as one beside it would."""
+"""Pictures of the textured twin from the photo's camera, or from beside it."""
 
 from pathlib import Path
 
@@ -11,11 +11,10 @@ from grs_agents.library.asset_rendering import Lens
 from grs_agents.library.library import Library
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.settling.settling import PlacedObject, to_instance_objects
-from grs_agents.perception.types import Array, SceneDescription
-from grs_agents.sim.rendering.lenses import resize_lens
+from grs_agents.perception.types import SceneDescription
+from grs_agents.sim.rendering.cameras import RenderedImage, encode_png, resize_lens
+from grs_agents.sim.rendering.pictures import render_from_camera
 from grs_agents.sim.rendering.stage import Props
-from grs_agents.sim.rendering.textured_pictures import render_from_camera
-from grs_agents.sim.rendering.views import Picture, encode_png
 
 TWIN = "scene/twin.png"
 
@@ -26,43 +25,35 @@ def save_twin_picture(scene: SceneDescription, library: Library, run: Path) -> d
     return {"twin": TWIN}
 
 
-def draw_twin(scene: SceneDescription, library: Library, aside: float = 0.0) -> Picture:
-    """The objects of a scene where they rest, on a table that looks as the photo's.
+def draw_twin(scene: SceneDescription, library: Library, aside: float = 0.0) -> RenderedImage:
+    """Render the objects of a scene at rest, on a table with the photo's appearance.
 
     Args:
         scene: with the photo's camera.
-        library: that holds the scene's own shapes too.
-        aside: how far (rad) the camera is turned about its own upward axis through the middle of the objects: over a
-            table, always to a view from above.
+        library: of the assets, with the scene's proxies.
+        aside: angle (rad) by which the camera orbits about its upward axis through the middle of the objects; it keeps
+            looking down on the table.
 
     Returns:
         A picture as large as the photo, or as ``DEFAULT.settling.picture_side`` allows; its owners are the numbers of
         the objects.
 
     Raises:
-        InputError: the description is of before it told the camera, or a mesh cannot be shown.
+        InputError: the description is of a version without the camera, or a mesh cannot be rendered.
     """
     camera = scene.camera
     if camera is None:
         raise InputError("scene.json does not tell the photo's camera", "make it again with `grs scene`")
-    placed = [PlacedObject(one.asset, one.settled or (one.position, one.orientation)) for one in scene.objects]
+    placed = [PlacedObject(item.asset, item.settled or (item.position, item.orientation)) for item in scene.objects]
     numbered = zip(to_instance_objects(placed, library), scene.objects, strict=True)
-    items = [item.model_copy(update={"id": one.id}) for item, one in numbered]
+    items = [instance.model_copy(update={"id": item.id}) for instance, item in numbered]
     scale = min(1.0, DEFAULT.settling.picture_side / max(camera.width, camera.height))
     lens = Lens(camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height)
     lens = resize_lens(lens, round(camera.height * scale), round(camera.width * scale))
-    return render_from_camera(
-        Props(items, table=scene.instance_table), library, lens, _camera_pose_turned_aside(scene, aside)
-    )
-
-
-def _camera_pose_turned_aside(scene: SceneDescription, aside: float) -> Array:
-    """T_robot_cam (4, 4) of the photo's camera, turned by ``aside`` (rad) about the middle of the objects."""
     pose = np.array(scene.frame.T_robot_cam, np.float64)
-    if not aside:
-        return pose
-    middle = np.mean([one.position for one in scene.objects], axis=0)
-    turn = rotation_about_axis(-pose[:3, 1], aside)
-    pose[:3, :3] = turn @ pose[:3, :3]
-    pose[:3, 3] = turn @ (pose[:3, 3] - middle) + middle
-    return pose
+    if aside:
+        middle = np.mean([item.position for item in scene.objects], axis=0)
+        turn = rotation_about_axis(-pose[:3, 1], aside)
+        pose[:3, :3] = turn @ pose[:3, :3]
+        pose[:3, 3] = turn @ (pose[:3, 3] - middle) + middle
+    return render_from_camera(Props(items, table=scene.instance_table), library, lens, pose)

@@ -16,7 +16,7 @@ from grs_agents.base.foreign.files import read_json
 from grs_agents.base.foreign.run_folder import is_relative_subpath
 from grs_agents.sim.instance.task_instance import InstanceTable, TextureName
 
-FARTHEST_CAMERA = 10.0  # a camera that sees the robot's table is at most this far from the robot, in metres
+FARTHEST_CAMERA = 10.0  # largest plausible distance of the camera from the robot, m
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Matrix = tuple[tuple[float, ...], ...]
@@ -55,17 +55,17 @@ class Camera(Intrinsics):
     depth_scale: Positive  # metres per unit of the depth image
     # 4x4 rigid transform from the camera frame to the robot frame, if it was calibrated
     T_robot_cam: Matrix | None = None
-    # the arm's joint positions when the photo was taken, rad, base first: tells which pixels show the arm
+    # the arm's joint positions in the photo, rad, base first; they locate the pixels of the arm
     joints: tuple[Finite, ...] | None = None
 
     @property
     def arm_is_known(self) -> bool:
-        """Whether it is told where the arm is in the photo."""
+        """Whether the arm's pose in the photo is known."""
         return self.joints is not None and self.T_robot_cam is not None
 
     @property
     def intrinsics(self) -> Intrinsics:
-        """Focal lengths, principal point and size alone."""
+        """Focal lengths, principal point and size without depth scale and pose."""
         return Intrinsics.model_validate({name: getattr(self, name) for name in Intrinsics.model_fields})
 
     @field_validator("T_robot_cam")
@@ -93,16 +93,16 @@ class Camera(Intrinsics):
 
 @dataclass(frozen=True, eq=False)
 class RGBDFrame:
-    """A photo with depth; two are the same only if they are one."""
+    """An RGB-D photo; compared by identity."""
 
     rgb: Image  # (H, W, 3) uint8
     depth: npt.NDArray[np.float32]  # (H, W) float32 metres along the optical axis, 0 where nothing was measured
     camera: Camera  # intrinsics and, if calibrated, pose
-    source: Path  # what it was read from: a folder, a file, or ``bop:`` and an image of a data set
-    notes: tuple[str, ...] = ()  # what a reader of the scene should know about how it was read
+    source: Path  # a folder, a file, or ``bop:`` and an image of a data set
+    notes: tuple[str, ...] = ()  # of the reader of the file, for a reader of the scene
 
     def camera_frame_point_map(self) -> Array:
-        """(H, W, 3) points in the camera frame, metres; (0, 0, 0) where there is no depth."""
+        """Points (H, W, 3) in the camera frame, m; (0, 0, 0) without depth."""
         camera = self.camera
         height, width = self.depth.shape
         points = np.empty((height, width, 3))
@@ -115,7 +115,7 @@ class RGBDFrame:
 
 Solid = Literal["box", "cylinder"]
 PoseMethod = Literal["registered", "box", "proxy"]
-"""A mesh registered to the points; the asset placed in the measured box; or a solid that is the measured box."""
+"""A mesh registered to the points; the asset placed in the measured box; or a proxy."""
 RelationKind = Literal["on", "in", "touching"]
 
 
@@ -132,7 +132,7 @@ class Aabb(Frozen):
 
     @property
     def center(self) -> Vec3:
-        """The middle."""
+        """The centre."""
         low, high = self.low, self.high
         return ((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, (low[2] + high[2]) / 2)
 
@@ -146,26 +146,31 @@ class UprightBox(Frozen):
 
 
 class LevelPlane(Frozen):
-    """A level plane of the photo that may be the table."""
+    """A level plane in the photo, a candidate for the table."""
 
     number: int  # from 1, the lowest plane first; ``scene.table`` takes it
-    height: float  # of its middle over the plane that was taken for the table, metres
-    share: float  # of the measured pixels that lie on it
-    taken: bool  # whether it was taken for the table
+    height: float  # of its centre over the plane chosen as the table, m
+    share: float  # share of the measured pixels on it
+    taken: bool  # chosen as the table
 
 
 class TableFrame(Frozen):
-    """The robot frame and how it was found."""
+    """The robot frame in the photo, and its origin."""
 
     T_robot_cam: Matrix  # 4x4 transform from the camera frame (OpenCV axes) to the robot frame, metres
     # ``calibrated`` (given in camera.json) or ``table_plane`` (on the table found in the photo)
     origin: Literal["calibrated", "table_plane"]
-    residual: float  # root mean square distance of the table's points to its plane, metres
-    inliers: float  # share of the measured pixels that lie on the table
+    residual: float  # root mean square distance of the table's points from its plane, m
+    inliers: float  # share of the measured pixels on the table
     height: float = 0.0  # z of the table top in the robot frame, metres; 0 where the frame is on it
-    note: str = ""  # what a reader should know
-    # the level planes that may be the table, the lowest first; empty where none were looked for
+    note: str = ""  # for a reader of the scene
+    # candidate planes of the table, the lowest first; empty if none were searched
     planes: tuple[LevelPlane, ...] = ()
+
+    @property
+    def camera_position(self) -> Array:
+        """The camera's position (3,) in the robot frame, m."""
+        return np.asarray(self.T_robot_cam)[:3, 3]
 
 
 Share = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
@@ -186,18 +191,18 @@ class Candidate:
 
     id: int  # from 1
     mask: Mask  # (H, W) bool
-    crop: Image  # (h, w, 3) uint8, the segment with a margin
+    crop: Image  # (h, w, 3) uint8, the segment's rectangle with a margin
     box: Aabb  # axis-aligned, robot frame
-    upright: UprightBox  # the fitted box with its yaw
+    upright: UprightBox  # the fitted box
     color: Vec3  # mean red, green, blue, 0..1
-    shape: Solid  # which solid fits better
-    points: int  # how many depth pixels it has
-    hollow: bool = False  # open at the top, with an inside that lies deeper than its rim: bowls, boxes, mugs
-    given: bool = False  # the user says that it is one object: it is neither dropped, joined nor divided
+    shape: Solid  # the better fitting solid
+    points: int  # number of pixels with depth
+    hollow: bool = False  # open at the top, with an inside below its rim: bowls, boxes, mugs
+    given: bool = False  # its mask was given by the user: it is neither dropped, joined nor divided
 
 
 class CandidateRecord(Frozen):
-    """A candidate without its pixels: what is kept in the state. Paths are relative to the run folder."""
+    """A candidate with its mask and crop in files, whose paths are relative to the run folder."""
 
     id: int
     mask: InsideName
@@ -212,7 +217,7 @@ class CandidateRecord(Frozen):
 
 
 class Shown(Frozen):
-    """An asset as a matcher is shown it; ``size`` in m, upright."""
+    """The row of an asset in the prompt of a match; ``size`` in m, upright."""
 
     name: str
     description: str
@@ -222,21 +227,21 @@ class Shown(Frozen):
 
 
 class MatchEvidence(Frozen):
-    """What a match tool answers about one candidate, and why."""
+    """The answer of a match tool for a candidate, with its reason."""
 
-    # ``asset``; ``no_asset`` for an object that the library lacks; ``no_object`` for what is none
+    # ``asset``; ``no_asset`` for an object that the library lacks; ``no_object`` for anything else
     match: Literal["asset", "no_asset", "no_object"]
     asset: str | None = None  # library name of the match
     method: str = ""  # the tool
-    confidence: float | None = None  # how likely the answer is right, 0..1; ``None`` where the tool cannot say
-    # of the best few assets, likelihood or similarity in 0..1, by name, the best first
+    confidence: float | None = None  # probability that the answer is right, 0..1; ``None`` if the tool gives none
+    # likelihood or similarity in 0..1 of the best few assets, by name, the best first
     scores: dict[str, float] = Field(default_factory=dict[str, float])
     runner_up: str | None = None  # the best asset that is not the answer
     reason: str = ""  # in words
 
 
 class SceneObject(Frozen):
-    """An object of the scene, with the asset that stands for it."""
+    """An object of the scene, with its asset or proxy."""
 
     id: int  # the candidate's
     name: str  # unique in the scene, e.g. ``milk_1``.
@@ -245,7 +250,7 @@ class SceneObject(Frozen):
     description: str  # description, category, color: in words
     category: str
     color: str
-    box: Aabb  # axis-aligned, as measured, robot frame; what is not seen of it ends where something else was measured
+    box: Aabb  # axis-aligned, as measured, robot frame; unseen parts end at other objects
     position: Vec3  # centre of the asset, metres, robot frame
     orientation: Quat  # of the asset, xyzw
     size: Vec3  # extents of the asset as placed, along the world's axes (before yaw), metres
@@ -253,29 +258,29 @@ class SceneObject(Frozen):
     evidence: str  # why this asset, in words
     mask: InsideName  # mask, crop: picture files
     crop: InsideName
-    method: PoseMethod = "box"  # where the pose comes from
-    # how far the object's points are off the asset's surface, m (mean of the nearest 90 %); of a match
+    method: PoseMethod = "box"  # source of the pose
+    # distance of the object's points from the asset's surface, m: mean of the nearest 90 %; None for a proxy
     residual: float | None = None
-    round: bool = False  # the asset looks the same at any yaw, which therefore says nothing
-    settled: Pose | None = None  # where it comes to rest in the twin: centre (m) and rotation (xyzw)
-    drift: float | None = None  # how far its centre moves until then, m
-    held: bool = False  # it would fall, in the twin or in the world of its tasks, and is kept in the air
-    stands_in_robot: bool = False  # the robot stands there in the world of its tasks, which leaves it out
-    pick_trouble: str = ""  # why the robot, which tried, could not pick it where it stands; empty where it could
+    round: bool = False  # rotationally symmetric about the vertical: the yaw is arbitrary
+    settled: Pose | None = None  # rest pose in the twin: centre (m) and rotation (xyzw)
+    drift: float | None = None  # distance of its centre from there to ``position``, m
+    held: bool = False  # it would fall, in the twin or in the world of its tasks, and is fixed in the air
+    stands_in_robot: bool = False  # overlaps the robot in the world of its tasks, and is left out there
+    pick_trouble: str = ""  # reason why the robot fails to pick it in a trial; empty if it can
     match: MatchEvidence | None = None  # scores, runner-up and reason of the match
-    # the same box along its own axes; ``None`` in descriptions of before there was one
+    # the measured box along its own axes; ``None`` in older descriptions
     upright: UprightBox | None = None
 
 
 class DroppedCandidate(Frozen):
-    """A segment that is no object, and why."""
+    """A segment that is no object."""
 
-    id: int  # the candidate's; 0 for what was left out before candidates were numbered, as the robot
+    id: int  # the candidate's; 0 for segments dropped before candidates were numbered, such as the robot
     reason: str
 
 
-class Relation(Frozen):
-    """How one object lies to another: ``subject`` is on, in or touching ``reference``; both are names."""
+class SpatialRelation(Frozen):
+    """A relation of two objects, by name: ``subject`` is on, in or touching ``reference``."""
 
     kind: RelationKind
     subject: str
@@ -283,36 +288,35 @@ class Relation(Frozen):
 
 
 class TwinReport(Frozen):
-    """How the described scene stands in MuJoCo."""
+    """Figures of the described scene in MuJoCo (the twin)."""
 
     found: float  # deepest penetration as described, m
-    penetration: float  # deepest one once it came to rest, m
-    drift: float  # of the object that moved farthest, m
-    # share of the pixels that rise above the table at which the twin at rest, seen by the photo's camera, is within
-    # 2 cm of the measured depth; ``None`` if nothing was measured
+    penetration: float  # deepest penetration at rest, m
+    drift: float  # largest drift of an object, m
+    # share of the raised pixels at which the twin at rest is within 2 cm of the measured depth; ``None`` without any
     fidelity: float | None
     still: bool  # everything came to rest
-    held: int = 0  # so many objects would have fallen: they stay where the photo shows them
+    held: int = 0  # number of objects that would have fallen and are fixed
 
 
 class UnownedRegion(Frozen):
-    """A connected part of what rises above the table that belongs to no object."""
+    """A connected region of raised pixels (above the table) without an object."""
 
-    share: Share  # of all pixels that rise above the table, measured or not
+    share: Share  # of all raised pixels, measured or not
     box: Aabb  # axis-aligned, robot frame
-    reason: str  # why no object owns it, in words
+    reason: str  # in words
 
 
 class Coverage(Frozen):
-    """Which part of what rises above the table the objects own. The robot and the walls of a bin do not count."""
+    """Share of the raised pixels (above the table, without the robot and the walls of a bin) that belong to objects."""
 
-    share: Share  # of the measured pixels that rise above the table
+    share: Share  # of the measured raised pixels
     unowned: tuple[UnownedRegion, ...] = ()  # the largest first
-    picture: InsideName  # the photo with what no object owns marked
+    picture: InsideName  # the photo with the unowned regions marked
 
 
 class SceneDescription(Frozen):
-    """The whole scene (paper, Scene Comprehension); ``background`` is the library name of what is around it, if any."""
+    """The whole scene (paper, Scene Comprehension)."""
 
     version: int = 1
     source: str
@@ -321,25 +325,23 @@ class SceneDescription(Frozen):
     objects: tuple[SceneObject, ...]
     dropped: tuple[DroppedCandidate, ...] = ()
     warnings: tuple[str, ...] = ()
-    background: str | None = None
-    relations: tuple[Relation, ...] = ()
+    background: str | None = None  # library name of the reconstructed background
+    relations: tuple[SpatialRelation, ...] = ()
     twin: TwinReport | None = None
-    # the photo's camera, whose pose is the frame's, and the table's colour (sRGB, 0..1) where the photo shows it; None
-    # in descriptions of before there were any
-    camera: Intrinsics | None = None
-    table_color: tuple[Share, Share, Share] | None = None
-    table_texture: TextureName | None = None  # library name of the photo's table, seen straight from above
-    coverage: Coverage | None = None  # None in descriptions of before it was measured
+    camera: Intrinsics | None = None  # of the photo, at the frame's pose; None in older descriptions
+    table_color: tuple[Share, Share, Share] | None = None  # sRGB, 0..1; None if not visible, or in older descriptions
+    table_texture: TextureName | None = None  # library name of the table's rectified texture
+    coverage: Coverage | None = None  # None in older descriptions
 
     @property
     def instance_table(self) -> InstanceTable:
-        """The table top that the photo shows."""
+        """The table top of the photo."""
         if self.table_color is None:
             return InstanceTable()
         return InstanceTable(color=(*self.table_color, 1.0), texture=self.table_texture)
 
     def write(self, file: Path) -> None:
-        """Write ``scene.json`` whole."""
+        """Write ``scene.json`` atomically."""
         write_json(file, self.model_dump(mode="json"))
 
 
@@ -352,12 +354,12 @@ def read_scene_description(file: Path) -> SceneDescription:
 
 
 X = (0.25, 0.75)
-Y = (-0.5, 0.5)  # the table's part that tasks use (CLIPort's workspace), metres in the robot frame
+Y = (-0.5, 0.5)  # the workspace of tasks (CLIPort's), m, robot frame
 NEAREST, FARTHEST = 0.22, 0.85
-"""Distance from the base axis, metres: closer the arm would fold into itself, farther a UR5e does not reach."""
+"""Reach from the base axis, m: a UR5e folds into itself nearer and does not reach farther."""
 
 
 def is_reachable_position(position: Vec3) -> bool:
-    """Whether something at ``position`` (metres, robot frame) can be picked from above."""
+    """Whether an object at ``position`` (m, robot frame) can be picked from above."""
     x, y, _ = position
     return X[0] <= x <= X[1] and Y[0] <= y <= Y[1] and NEAREST <= (x * x + y * y) ** 0.5 <= FARTHEST

@@ -1,1 +1,1 @@
-"""One run: its folder, its record, its checkpoints."""
+"""Runs: folder, record, checkpoints, execution, verification."""

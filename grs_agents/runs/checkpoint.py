@@ -1,36 +1,73 @@
-"""The checkpoints of a run, which may come from somebody else: looked at before anything is read from them."""
+"""Validation of a run's checkpoints, which may be foreign, before they are read."""
 
 import sqlite3
-from collections.abc import Mapping
+from collections import deque
+from collections.abc import Iterable, Mapping
 from contextlib import closing
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any, cast, get_type_hints
 
 from pydantic import TypeAdapter, ValidationError
 
+from grs_agents.base import Frozen
 from grs_agents.base.errors import InputError
 from grs_agents.base.foreign.run_folder import resolve_member_file
-from grs_agents.graph.state import RunState
-from grs_agents.perception.types import Camera, CandidateRecord, SceneDescription, SceneObject, TableFrame
+from grs_agents.graph.state import CHECKPOINTED_TYPES, TYPED_KEYS, RunState, parse_state_value
+from grs_agents.graph.table_object import TableObject
+from grs_agents.perception.types import Camera, TableFrame
 
 FILE = "checkpoint.sqlite"
 MOST_VALUE = 1 << 22
-"""Bytes of one value: 18 objects and five fixes take 145 KB. SQLite makes up values of a gigabyte otherwise, and a
-byte of msgpack may become an object of 90."""
+"""Largest value, bytes: 18 objects and five fixes take 145 KB. SQLite can expand a value to a gigabyte, and a byte
+of msgpack can become an object of 90 bytes."""
 _TABLES = frozenset({"checkpoints", "writes"})
 _REMEDY = "start the scene again in another folder: --out"
 _NESTED: dict[str, TypeAdapter[Any]] = {
     "camera": TypeAdapter(Camera),
     "table": TypeAdapter(TableFrame),
-    "candidates": TypeAdapter(list[CandidateRecord]),
-    "objects": TypeAdapter(list[SceneObject]),
-    "scene": TypeAdapter(SceneDescription),
+    "objects": TypeAdapter(list[TableObject]),
 }
 
 
+class RecordSerializer:
+    """LangGraph's serializer of states: of the classes of GRS, those of `CHECKPOINTED_TYPES` alone are built.
+
+    LangGraph builds an allowed class without validation if its content is not valid. Here that is an error.
+    """
+
+    def __init__(self) -> None:
+        from langgraph.checkpoint.serde.jsonplus import JsonPlusSerializer
+
+        self._serializer = JsonPlusSerializer(allowed_msgpack_modules=CHECKPOINTED_TYPES)
+        self.dumps_typed = self._serializer.dumps_typed  # as it is, so that its errors are those of the user's graph
+
+    def loads_typed(self, data: tuple[str, bytes]) -> Any:
+        """The value of a format and bytes. Raises ValueError: a record in it is not valid."""
+        value = self._serializer.loads_typed(data)
+        _check_records(value)
+        return value
+
+
+def _check_records(value: Any) -> None:
+    """Validate each record in a nesting of containers again. Raises ValueError: it is not valid."""
+    if isinstance(value, dict):
+        value = list(cast("dict[Any, Any]", value).values())
+    if isinstance(value, list | tuple | set | frozenset | deque):
+        for item in cast("Iterable[Any]", value):
+            _check_records(item)
+    elif type(value).__module__ == "langgraph.types":  # Send, Overwrite, Command, Interrupt
+        for name in ("arg", "value", "update", "resume"):
+            _check_records(getattr(value, name, None))
+    elif isinstance(value, Frozen):
+        try:
+            type(value).model_validate(value.model_dump(warnings="error"))
+        except (ValueError, TypeError, AttributeError) as error:
+            raise ValueError(f"a {type(value).__name__} with values of other types than a run writes") from error
+
+
 def check_checkpoint_file(folder: Path) -> None:
-    """Refuse checkpoints that are no whole database with LangGraph's tables and nothing that runs by itself."""
-    if not (folder / FILE).exists():  # interrupted before the first step
+    """Refuse an incomplete database, and a database with other tables than LangGraph's, with triggers or views."""
+    if not (folder / FILE).exists():  # the run was interrupted before the first step
         return
     file = resolve_member_file(folder, FILE)
     try:
@@ -50,14 +87,20 @@ def check_checkpoint_file(folder: Path) -> None:
 
 
 def check_restored_state(values: Mapping[str, Any], folder: Path) -> None:
-    """See that a state that was read from the checkpoints is one that the nodes can go on with."""
+    """Validate a state restored from the checkpoints. Raises InputError: a field has the wrong type."""
+    if "candidates" in values:  # the key of the segments before `objects`
+        raise InputError(f"{folder / FILE} was written by an earlier version of GRS", _REMEDY)
     hints = get_type_hints(RunState)
     for name, value in values.items():
         try:
-            TypeAdapter(hints.get(name, Any)).validate_python(value, strict=True)
+            if name in TYPED_KEYS:
+                if value != {}:  # no record yet
+                    parse_state_value(name, value)
+            else:
+                TypeAdapter(hints.get(name, Any)).validate_python(value, strict=True)
             if name in _NESTED and value:
                 _NESTED[name].validate_python(value)
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
-            where = ".".join(map(str, (name, *first["loc"])))
-            raise InputError(f"{folder / FILE}: {where}: {first['msg']}", _REMEDY) from error
+            field = ".".join(map(str, (name, *first["loc"])))
+            raise InputError(f"{folder / FILE}: {field}: {first['msg']}", _REMEDY) from error

@@ -1,4 +1,4 @@
-"""Run a graph on a scene: checkpoints, resume, and an honest end whatever happens."""
+"""Execution of a graph on a scene: checkpoints, resumption, and a record of every outcome."""
 
 import errno
 import sqlite3
@@ -26,15 +26,14 @@ from grs_agents.graph.earlier_judgements import forget_judgements
 from grs_agents.graph.judging import conclude_with_best_version
 from grs_agents.graph.policies.policy_registry import load_policy
 from grs_agents.graph.services import Services
-from grs_agents.graph.state import RunState
-from grs_agents.runs.checkpoint import FILE, MOST_VALUE, check_checkpoint_file, check_restored_state
+from grs_agents.graph.state import RunState, parse_state, state_as_json
+from grs_agents.runs.checkpoint import FILE, MOST_VALUE, RecordSerializer, check_checkpoint_file, check_restored_state
 from grs_agents.runs.graph_loading import compile_graph, explain_graph_error
 from grs_agents.runs.hashes import write_hashes
 from grs_agents.runs.record import EXIT_STATUS, RunRecord, count_run_results, seconds_by_stage, sum_reply_costs
 from grs_agents.runs.recording import add_recording_comparison, write_cassette
-from grs_agents.runs.run_opening import RUNS, Order, open_run, remove_run_folder
+from grs_agents.runs.run_opening import RUNS, RunOrder, open_run, remove_run_folder
 from grs_agents.runs.sandbox_setup import open_sandbox
-from grs_agents.sandbox.host.sandbox import Sandbox
 
 if TYPE_CHECKING:
     from langgraph.checkpoint.base import BaseCheckpointSaver
@@ -42,28 +41,30 @@ if TYPE_CHECKING:
 INTERRUPTED, WAITING = 130, 4
 """Exit statuses of runs without a verdict."""
 _READING = {"read", "find_table", "segment"}
-"""The nodes that look for objects on the photo."""
+"""The nodes up to segmentation."""
+_COUNTED = ("scene", "task", "audit", "report", "objects")
+"""Keys of the state that the record's counts are made of."""
 Views = Callable[[Path, EventLog], AbstractContextManager[None]]
-"""Attaches what people look at (recording, progress) to the log of a run, and closes it at the end."""
+"""Attaches views (recording, progress) to the log of a run and closes them at its end."""
 State = dict[str, Any]
 
 
 class UnexpectedError(GrsError):
-    """What nobody foresaw; its cause is for those who write GRS."""
+    """An internal error of GRS, with its cause."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended."""
+    """Outcome of a run."""
 
     folder: Path
     record: RunRecord
-    problem: GrsError | None = None  # the error that ended the run if there was one; the record then says `failed`
-    state: State = field(default_factory=dict[str, Any])  # what the graph reached; empty where an ended run was resumed
+    problem: GrsError | None = None  # the error that ended a `failed` run
+    state: State = field(default_factory=dict[str, Any])  # of the graph; empty if an ended run was resumed
 
 
-def execute_run(order: Order, views: Views) -> Outcome:
-    """Run the configured graph on a scene; a scene that is refused leaves no folder behind, but the record says why.
+def execute_run(order: RunOrder, views: Views) -> Outcome:
+    """Run the configured graph on a scene. A refused scene leaves no folder; its record is returned with the reason.
 
     Raises:
         InputError: scene, configuration or folder is refused before the run begins.
@@ -74,28 +75,38 @@ def execute_run(order: Order, views: Views) -> Outcome:
         if order.resume and record.status != "running":
             return Outcome(folder, record)
         ended = _execute_with_log(order, views, folder, record.write(folder), config)
-        if not order.resume and _is_scene_refused(ended):
-            remove_run_folder(folder, missing if order.out else [folder, *missing])
+        # A scene refused before anything was segmented leaves nothing to look at.
+        if not order.resume and isinstance(ended.problem, InputError) and not isinstance(ended.problem, OutputError):
+            events = read_events(folder / "events.jsonl")
+            started = {event.node for event in events if event.kind == "node_started"}
+            segmented = any(event.kind == "scene_stage" and event.stage == "segmented" for event in events)
+            if started and started <= _READING and not segmented:
+                remove_run_folder(folder, missing if order.out else [folder, *missing])
         return ended
 
 
-def _is_scene_refused(ended: Outcome) -> bool:
-    """Whether the user's input ended a run before anything was found on the photo, so that there is nothing to see."""
-    if not isinstance(ended.problem, InputError) or isinstance(ended.problem, OutputError):
-        return False
-    events = read_events(ended.folder / "events.jsonl")
-    begun = {event.node for event in events if event.kind == "node_started"}
-    found = any(event.kind == "scene_stage" and event.stage == "segmented" for event in events)
-    return bool(begun) and begun <= _READING and not found
-
-
-def _execute_with_log(order: Order, views: Views, folder: Path, record: RunRecord, config: Config) -> Outcome:
+def _execute_with_log(order: RunOrder, views: Views, folder: Path, record: RunRecord, config: Config) -> Outcome:
     problem: GrsError | None = None
     state: State = {}
     try:
         with EventLog(folder / "events.jsonl") as log, views(folder, log):
             log.subscribe(_raise_interrupt_at_node_start)
-            record, problem = _run_graph_and_record(order, config, folder, log, record, state)
+            ended, failure = record, None  # `record` stays running until run.json holds the outcome
+            try:
+                question = _invoke_graph(order, config, folder, log, record, state)
+                if question is not None:
+                    ended = _mark_record_waiting(record, question)
+                else:
+                    ended = _mark_record_with_verdict(order, record, state)
+                    if config.cassette and not config.record:
+                        ended = add_recording_comparison(config.cassette, ended, folder)
+            except GraphInterrupt as interrupt:  # for the surrounding graph, which keeps the checkpoints
+                waiting = _mark_record_waiting(record, parse_question(interrupt.args[0][0].value))
+                _add_metrics_to_record(waiting, log, state).write(folder)
+                raise
+            except (Exception, KeyboardInterrupt) as error:
+                ended, failure = _mark_record_failed(ended, error, folder)
+            record, problem = _add_metrics_to_record(ended, log, state).write(folder), failure
             if config.record:
                 write_cassette(Path(config.record), config, record, folder)
     except GraphInterrupt:
@@ -114,36 +125,14 @@ def _execute_with_log(order: Order, views: Views, folder: Path, record: RunRecor
     return Outcome(folder, record, problem, state)
 
 
-def _run_graph_and_record(
-    order: Order, config: Config, folder: Path, log: EventLog, record: RunRecord, state: State
-) -> tuple[RunRecord, GrsError | None]:
-    """Run the graph and write the record of how it ended; the graph around a nested one is told that it waits."""
-    problem: GrsError | None = None
-    try:
-        question = _invoke_graph(order, config, folder, log, record, state)
-        if question is not None:
-            record = _mark_record_waiting(record, question)
-        else:
-            record = _mark_record_with_verdict(order, record, state)
-        if question is None and config.cassette and not config.record:
-            record = add_recording_comparison(config.cassette, record, folder)
-    except GraphInterrupt as asked:  # for the graph around it, which keeps the checkpoints
-        waiting = _mark_record_waiting(record, parse_question(asked.args[0][0].value))
-        _add_metrics_to_record(waiting, log, state).write(folder)
-        raise
-    except (Exception, KeyboardInterrupt) as error:
-        record, problem = _mark_record_failed(record, error, folder)
-    return _add_metrics_to_record(record, log, state).write(folder), problem
-
-
 def _raise_interrupt_at_node_start(event: Event) -> None:
-    """Let no node start once the run was asked to end, though the exception that said so was lost on its way."""
+    """Stop an interrupted run at its next node, even if the exception of the interruption was lost."""
     if event.kind == "node_started" and interrupts.is_interrupt_requested():
         raise KeyboardInterrupt
 
 
-def _mark_record_with_verdict(order: Order, record: RunRecord, state: State) -> RunRecord:
-    """What the graph decided; comprehension alone has nothing to decide."""
+def _mark_record_with_verdict(order: RunOrder, record: RunRecord, state: State) -> RunRecord:
+    """The graph's verdict; comprehension alone has none."""
     if order.command == "scene" and not state.get("problem"):
         return _mark_record_ended(record, "accepted", "the scene was comprehended", EXIT_STATUS["accepted"])
     status = state.get("status")
@@ -166,7 +155,7 @@ def _mark_record_waiting(record: RunRecord, question: Question) -> RunRecord:
 def _mark_record_failed(
     record: RunRecord, error: Exception | KeyboardInterrupt, folder: Path
 ) -> tuple[RunRecord, GrsError | None]:
-    """The record of a run that was interrupted or broke, and the error in the second case."""
+    """Returns: record of an interrupted or failed run; the error of a failed run."""
     if isinstance(error, KeyboardInterrupt):
         return _mark_record_ended(record, "interrupted", "interrupted by the user", INTERRUPTED), None
     problem = _convert_to_grs_error(error, folder, record.graph)
@@ -174,8 +163,8 @@ def _mark_record_failed(
 
 
 def _convert_to_grs_error(error: Exception | KeyboardInterrupt, folder: Path, graph: str) -> GrsError:
-    """The user's errors as they are, a full or read-only disk and what the user's own code raises as such, anything
-    else as ours."""
+    """Convert file system errors and errors of user code to errors of the user, any other error to an internal
+    error."""
     if isinstance(error, GrsError):
         return error
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EROFS, errno.EDQUOT, errno.EACCES):
@@ -185,26 +174,34 @@ def _convert_to_grs_error(error: Exception | KeyboardInterrupt, folder: Path, gr
     if isinstance(error, sqlite3.OperationalError) and "full" in str(error):
         return unwritable_error(folder / FILE, OSError(errno.ENOSPC, "disk is full"))
     explained = None if isinstance(error, KeyboardInterrupt) else explain_graph_error(error, graph, __file__)
-    unforeseen = UnexpectedError(f"{type(error).__name__}: {error}", f"report it with {folder / 'events.jsonl'}")
-    problem = explained or unforeseen
+    unexpected = UnexpectedError(f"{type(error).__name__}: {error}", f"report it with {folder / 'events.jsonl'}")
+    problem = explained or unexpected
     problem.__cause__ = error
     return problem
 
 
 def _invoke_graph(
-    order: Order, config: Config, folder: Path, log: EventLog, record: RunRecord, state: State
+    order: RunOrder, config: Config, folder: Path, log: EventLog, record: RunRecord, state: State
 ) -> Question | None:
-    """Compile the graph and run it, or go on with it; ``state`` takes what it reached.
+    """Compile the graph and run or resume it; ``state`` receives its final state.
 
     Returns:
-        The question that a node asks, of the first one if several do; None once the graph has ended.
+        The question of a waiting run, the first of several; None once the graph has ended.
     """
     with open_sandbox(config) as sandbox, _open_checkpointer(order, folder) as checkpointer:
         sandbox.warm_up()  # its imports overlap with comprehension
-        services = _make_node_services(config, folder, log, sandbox)
-        forget_judgements(services)  # of an earlier attempt, or of whoever wrote the folder: this process judges anew
+        services = Services(
+            config=config,
+            log=log,
+            agents=Agents.resume_from_log(config, log, folder),
+            policy=load_policy(config.policy),
+            sandbox=sandbox,
+            folder=folder.resolve(),
+            visits=Counter(event.node for event in read_events(log.path) if event.kind == "node_started"),
+        )
+        forget_judgements(services)  # the folder may be foreign: this process judges anew
         graph = compile_graph(config.graph, checkpointer)
-        drawn = graph.get_graph()
+        topology = graph.get_graph()
         log.append(
             RunStarted(
                 run_id=record.id,
@@ -212,48 +209,48 @@ def _invoke_graph(
                 seed=config.seed,
                 config=record.config.as_json(),
                 versions=record.versions,
-                nodes=tuple(drawn.nodes),
-                edges=tuple((edge.source, edge.target) for edge in drawn.edges),
+                nodes=tuple(topology.nodes),
+                edges=tuple((edge.source, edge.target) for edge in topology.edges),
             )
         )
         settings: dict[str, Any] = {"recursion_limit": config.recursion_limit or 25 + 4 * config.max_fixes}
-        given: State = {"scene_path": str(order.source), "max_fixes": config.max_fixes, "fixes": 0, "history": []}
-        begin: State = {**order.given, **given}
+        initial: State = {"scene_path": str(order.source), "max_fixes": config.max_fixes, "fixes": 0, "history": []}
+        initial = {**parse_state(order.given), **initial}
         try:
             if order.nested:
-                state.update(graph.invoke(begin, settings, context=services))
+                state.update(graph.invoke(initial, settings, context=services))
                 return None
             settings["configurable"] = {"thread_id": record.id}
             resumed = order.resume and bool(_load_checkpoint_state(graph, settings, folder, order.source))
             if resumed:
                 log.append(Note(level="info", text=f"resumed, attempt {record.attempts}"))
             try:
-                start = _command_with_reply(graph, settings, order, log) if resumed else begin
+                start = _command_with_reply(graph, settings, order, log) if resumed else initial
                 graph.invoke(start, settings, context=services, durability="sync")
             finally:
-                with suppress(sqlite3.Error):  # a full disk is reported by what it stopped
+                with suppress(sqlite3.Error):  # a full disk is reported by the error that it caused
                     state.update(graph.get_state(settings).values)
-            asked = graph.get_state(settings).interrupts
-            return parse_question(asked[0].value) if asked else None
+            questions = graph.get_state(settings).interrupts
+            return parse_question(questions[0].value) if questions else None
         except BudgetReached as reached:
             state["problem"] = reached.message
             state.update(conclude_with_best_version(cast(RunState, state), runtime=Runtime(context=services)))
     return None
 
 
-def _command_with_reply(graph: Any, settings: dict[str, Any], order: Order, log: EventLog) -> Any:
-    """What a graph goes on with: the reply to the first question that it waits for, or nothing."""
+def _command_with_reply(graph: Any, settings: dict[str, Any], order: RunOrder, log: EventLog) -> Any:
+    """The command that resumes a graph with the reply to its first question; None without question or reply."""
     from langgraph.types import Command
 
-    asked = graph.get_state(settings).interrupts
-    if not asked or order.reply is None:
+    questions = graph.get_state(settings).interrupts
+    if not questions or order.reply is None:
         return None
-    log.append(Note(level="info", text=f"{parse_question(asked[0].value).text} {order.reply}"))
-    return Command(resume={asked[0].id: order.reply})
+    log.append(Note(level="info", text=f"{parse_question(questions[0].value).text} {order.reply}"))
+    return Command(resume={questions[0].id: order.reply})
 
 
 def _load_checkpoint_state(graph: Any, settings: dict[str, Any], folder: Path, source: Path) -> State:
-    """The state that an earlier attempt reached."""
+    """The state of an earlier attempt."""
     try:
         values: State = graph.get_state(settings).values
     except (ValueError, TypeError, LookupError, AttributeError, RecursionError, sqlite3.Error) as error:
@@ -271,47 +268,31 @@ def _load_checkpoint_state(graph: Any, settings: dict[str, Any], folder: Path, s
 
 
 @contextmanager
-def _open_checkpointer(order: Order, folder: Path) -> Generator["BaseCheckpointSaver[str] | None"]:
-    """Where the graph's checkpoints go; None leaves them to the graph that it is part of."""
-    from langgraph.checkpoint.serde.jsonplus import JsonPlusSerializer
+def _open_checkpointer(order: RunOrder, folder: Path) -> Generator["BaseCheckpointSaver[str] | None"]:
+    """The checkpointer of the run; None for a nested graph, whose checkpoints belong to the surrounding graph."""
     from langgraph.checkpoint.sqlite import SqliteSaver
 
     if order.nested:
         yield None
         return
-    # Without a list of modules of ours, a tampered checkpoint cannot have anything called when it is read.
-    strict = JsonPlusSerializer(allowed_msgpack_modules=None)
     check_checkpoint_file(folder)
     with closing(sqlite3.connect(folder / FILE, check_same_thread=False)) as connection:
         connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_VALUE)
-        yield SqliteSaver(connection, serde=strict)
-
-
-def _make_node_services(config: Config, folder: Path, log: EventLog, sandbox: Sandbox) -> Services:
-    """What the nodes work with."""
-    visits = Counter(event.node for event in read_events(log.path) if event.kind == "node_started")
-    return Services(
-        config=config,
-        log=log,
-        agents=Agents.resume_from_log(config, log, folder),
-        policy=load_policy(config.policy),
-        sandbox=sandbox,
-        folder=folder.resolve(),
-        visits=visits,
-    )
+        yield SqliteSaver(connection, serde=RecordSerializer())
 
 
 def _add_metrics_to_record(record: RunRecord, log: EventLog, state: State) -> RunRecord:
-    """The record with its figures; a log or state that cannot be read leaves them out, and the end stands."""
+    """The record with its metrics; an unreadable log or state leaves them out."""
     history: list[Event] = []
     update: dict[str, Any] = {}
     with suppress(GrsError):
         history = read_events(log.path)
-    with suppress(KeyError, TypeError, AttributeError):  # the state of a graph of the user's own
+    with suppress(KeyError, TypeError, AttributeError, ValueError):  # the state of a user's graph may lack them
+        reached = state_as_json({key: state[key] for key in _COUNTED if key in state})
         update = {
-            "counts": count_run_results(history, state),
-            "rewards": tuple(state.get("audit", {}).get("rewards", ())),
-            "sandbox": str(state.get("report", {}).get("backend", "")),
+            "counts": count_run_results(history, reached),
+            "rewards": tuple(reached.get("audit", {}).get("rewards", ())),
+            "sandbox": str(reached.get("report", {}).get("backend", "")),
         }
     update |= {"seconds": seconds_by_stage(history), "cost": sum_reply_costs(history)}
     try:

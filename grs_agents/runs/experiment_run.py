@@ -1,6 +1,7 @@
-"""What every experiment does alike: options, rows that are kept, progress, and results with how they came about."""
+"""Common parts of experiments: options, stored rows, progress, and results with their provenance."""
 
 import argparse
+import hashlib
 import json
 from collections.abc import Callable, Collection, Generator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -8,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 from pydantic import BaseModel
 from rich.console import RenderableType
@@ -17,26 +18,28 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from grs_agents.base import Frozen
 from grs_agents.base.config.load import flatten_tree, load_config
 from grs_agents.base.config.schema import Config
+from grs_agents.base.content import hash_code
+from grs_agents.base.errors import InputError
 from grs_agents.base.files import write_json
+from grs_agents.base.foreign.files import read_json
 from grs_agents.base.terminal import EscapingParser, make_console, print_json
 from grs_agents.base.version import __version__
-from grs_agents.runs.kept_rows import open_stored_rows
 from grs_agents.runs.metrics import Figure, figures_table, metrics_table, metrics_to_dicts
 
 RESULT: Final = "result.json"
 _OF_NO_ROW: Final = ("out", "config", "settings", "json", "workers")
-"""Options that change no row; the configuration itself is compared instead of the options that make it."""
+"""Options without influence on rows; the configuration itself is compared instead of the options that set it."""
 _Row = TypeVar("_Row", bound=BaseModel)
 
 
 class _Measured(Frozen):
-    """The figures that one measurement gives."""
+    """The figures of a measurement."""
 
     figures: tuple[Figure, ...]
 
 
 class ExperimentParser(EscapingParser):
-    """A parser with the options of every experiment: ``--out``, ``--config``, ``--set`` and ``--json``."""
+    """A parser with the common options ``--out``, ``--config``, ``--set`` and ``--json``."""
 
     def __init__(self, name: str, about: str | None) -> None:
         super().__init__(prog=f"grs eval {name}", description=about)
@@ -53,31 +56,31 @@ class ExperimentParser(EscapingParser):
         """Read the command line and the configuration.
 
         Args:
-            arguments: what follows the experiment's name.
-            settings: settings of the experiment's own for what was asked; those of ``--set`` win over them.
+            arguments: command line after the experiment's name.
+            settings: default settings of the experiment for these options; ``--set`` overrides them.
 
         Raises:
             ConfigError: the configuration cannot be read.
         """
         options = self.parse_args(arguments)
-        own = settings(options) if settings is not None else ()
-        effective = load_config(options.config, [*own, *options.settings])
+        defaults = settings(options) if settings is not None else ()
+        effective = load_config(options.config, [*defaults, *options.settings])
         leaves = flatten_tree(effective.config.model_dump(mode="json"))
-        stated = [key for key, source in effective.sources.items() if source.startswith(("file ", "--set"))]
-        told = tuple(f"{key}={json.dumps(leaves[key])}" for key in stated if leaves[key] is not None)
-        return Experiment(self._name, tuple(arguments), options, effective.config, told)
+        changed = [key for key, source in effective.sources.items() if source.startswith(("file ", "--set"))]
+        changes = tuple(f"{key}={json.dumps(leaves[key])}" for key in changed if leaves[key] is not None)
+        return Experiment(self._name, tuple(arguments), options, effective.config, changes)
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """An experiment under way.
+    """A running experiment.
 
     Attributes:
         name: as after ``grs eval``.
         arguments: its command line.
-        options: what that says.
+        options: the parsed command line.
         config: the configuration.
-        settings: what files and options say of it as ``KEY=VALUE``, for work in processes of their own.
+        settings: its changes by files and options as ``KEY=VALUE``, for worker processes.
     """
 
     name: str
@@ -95,66 +98,67 @@ class Experiment:
         choosing: Collection[str] = (),
         show: Callable[[_Row], str] | None = None,
     ) -> list[_Row]:
-        """Make the row of each name behind a bar, and keep it in ``--out``; one that is kept there is not made again.
+        """Compute the missing rows behind a progress bar, and store them in ``--out``.
 
         Args:
-            kind: the type of a row. One whose ``error`` is not empty is not kept.
-            work: what makes each row, by its name.
-            workers: rows at a time.
-            choosing: options that say which rows are made, and not what is in them.
+            kind: the type of a row. Rows with a non-empty ``error`` are not stored.
+            work: function that computes each row, by name.
+            workers: number of rows computed in parallel.
+            choosing: options that select rows without changing them.
             show: the line to print for a new row.
 
         Raises:
             InputError: ``--out`` holds rows of other options or another configuration.
         """
-        depends = {key: value for key, value in vars(self.options).items() if key not in (*_OF_NO_ROW, *choosing)}
-        kept = open_stored_rows(self.options.out, kind, {"config": self.config, "options": depends})
-        rows = {name: kept.rows[name] for name in work if name in kept.rows}
+        options = {key: value for key, value in vars(self.options).items() if key not in (*_OF_NO_ROW, *choosing)}
+        stored = open_stored_rows(self.options.out, kind, {"config": self.config, "options": options})
+        rows = {name: stored.rows[name] for name in work if name in stored.rows}
         with show_progress(self.name, len(work), len(rows)) as advance:
 
-            def keep(name: str, row: _Row) -> None:
+            def store(name: str, row: _Row) -> None:
                 rows[name] = row
                 if not getattr(row, "error", ""):
-                    kept.keep(name, row)
+                    stored.keep(name, row)
                 advance(name, "" if show is None else show(row))
 
-            run_jobs_in_threads([name for name in work if name not in rows], lambda name: work[name](), keep, workers)
+            run_jobs_in_threads([name for name in work if name not in rows], lambda name: work[name](), store, workers)
         return [rows[name] for name in work]
 
     def measure(self, work: Mapping[str, Callable[[], Sequence[Figure]]]) -> list[Figure]:
-        """The figures of each measurement, one after the other; those that are kept are not measured again."""
+        """The figures of all measurements in order; stored measurements are not repeated."""
         rows = self.make_or_reuse_rows(
-            _Measured, {name: lambda one=one: _Measured(figures=tuple(one())) for name, one in work.items()}
+            _Measured,
+            {name: lambda measure=measure: _Measured(figures=tuple(measure())) for name, measure in work.items()},
         )
         return [figure for row in rows for figure in row.figures]
 
     def tell(self, table: Sequence[Mapping[str, Any]], *shown: RenderableType, **more: Any) -> None:
-        """Write ``result.json`` to ``--out``, and print it with ``--json``, otherwise what is to be ``shown``.
+        """Write ``result.json`` to ``--out``; print it with ``--json``, else print ``shown``.
 
         Args:
-            table: the results for people, a row each, all with the same columns.
-            shown: what the terminal shows.
-            more: everything else that there is to tell.
+            table: rows of the results, with the same columns each.
+            shown: output on the terminal.
+            more: further results.
         """
-        told = {"table": [dict(row) for row in table], **more}
+        results = {"table": [dict(row) for row in table], **more}
         seeds = {key: value for key, value in vars(self.options).items() if key in ("seed", "seeds", "runs")}
-        came = {
+        provenance = {
             "experiment": self.name,
             "arguments": self.arguments,
             "date": date.today().isoformat(),
             "grs-agents": __version__,
             "seeds": {"seed": self.config.seed, **seeds},
         }
-        write_json(self.options.out / RESULT, {**came, **told})
+        write_json(self.options.out / RESULT, {**provenance, **results})
         if self.options.json:
-            print_json(told)
+            print_json(results)
             return
         console = make_console()
-        for one in shown:
-            console.print(one, soft_wrap=isinstance(one, str))
+        for item in shown:
+            console.print(item, soft_wrap=isinstance(item, str))
 
     def tell_figures(self, title: str, figures: Sequence[Figure], **more: Any) -> int:
-        """Tell measured quantities with their bounds, as `tell` does. Returns the exit status: 1 if one is missed."""
+        """Report measured quantities as `tell` does. Returns: exit status, 1 if a target is missed."""
         shown = metrics_table(title, figures)
         self.tell(figures_table(figures), shown, figures=metrics_to_dicts(figures), **more)
         return 1 if any(figure.is_target_met is False for figure in figures) else 0
@@ -162,7 +166,7 @@ class Experiment:
 
 @contextmanager
 def show_progress(title: str, total: int, done: int = 0) -> Generator[Callable[[str, str], None]]:
-    """A bar on standard error. What it yields moves the bar on by one, with a name beside it and a line above it."""
+    """A progress bar on standard error. The yielded function advances it, with a name beside it and a line above it."""
     columns = [BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn()]
     with Progress(TextColumn("{task.description}"), *columns, console=make_console(error=True)) as progress:
         bar = progress.add_task(title, total=total, completed=done)
@@ -180,20 +184,59 @@ _Outcome = TypeVar("_Outcome")
 
 
 def run_jobs_in_threads(
-    jobs: Sequence[_Job], work: Callable[[_Job], _Outcome], keep: Callable[[_Job, _Outcome], None], workers: int = 1
+    jobs: Sequence[_Job], work: Callable[[_Job], _Outcome], store: Callable[[_Job, _Outcome], None], workers: int = 1
 ) -> None:
-    """Do ``work`` for each job and hand the outcomes to ``keep``, in this thread, as they come.
+    """Do ``work`` for each job and pass the outcomes, as they come, to ``store`` in this thread.
 
-    One worker is this thread itself. An interrupt waits only for those that have begun.
+    A single worker is this thread itself. An interruption waits only for started jobs.
     """
     if workers == 1:
         for job in jobs:
-            keep(job, work(job))
+            store(job, work(job))
         return
     with ThreadPoolExecutor(workers) as pool:
         futures = {pool.submit(work, job): job for job in jobs}
         try:
             for future in as_completed(futures):
-                keep(futures[future], future.result())
+                store(futures[future], future.result())
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
+
+
+class StoredRows(Generic[_Row]):
+    """Rows of an interrupted or finished experiment by name, in ``rows.json`` of its folder."""
+
+    def __init__(self, file: Path, digest: str, rows: dict[str, _Row]) -> None:
+        self.file, self.digest, self.rows = file, digest, rows
+
+    def keep(self, name: str, row: _Row) -> None:
+        """Store a row, unless the name is stored already."""
+        if name not in self.rows:
+            self.rows[name] = row
+            rows = {name: row.model_dump(mode="json") for name, row in self.rows.items()}
+            write_json(self.file, {"of": self.digest, "rows": rows}, durable=True)
+
+
+def open_stored_rows(folder: Path, kind: type[_Row], of: Mapping[str, Any]) -> StoredRows[_Row]:
+    """Open the rows stored in ``folder``.
+
+    Args:
+        folder: output folder of the experiment; it need not exist.
+        kind: the type of a row.
+        of: the configuration and options on which the rows depend.
+
+    Raises:
+        InputError: the stored rows are of other code, another configuration or other options.
+    """
+    parts = {
+        key: part.model_dump(mode="json") if isinstance(part, BaseModel) else str(part) for key, part in of.items()
+    }
+    digest = hashlib.sha256(json.dumps([hash_code(), parts], sort_keys=True).encode()).hexdigest()
+    file = folder / "rows.json"
+    if not file.is_file():
+        return StoredRows(file, digest, {})
+    remedy = "name another --out"
+    stored = read_json(file, remedy)
+    if stored.get("of") != digest:
+        raise InputError(f"{file} holds rows of other code, another configuration or other options", remedy)
+    return StoredRows(file, digest, {name: kind.model_validate(row) for name, row in stored["rows"].items()})

@@ -1,4 +1,4 @@
-"""What experiments share: where they are found, their options, and tables for the terminal and in Markdown."""
+"""Discovery of experiments, and their tables for the terminal and in Markdown."""
 
 import argparse
 import sys
@@ -22,11 +22,11 @@ CHECKOUT_ONLY = (
     "shapes",
     "twin",
 )
-"""Experiments that measure GRS itself on scenes made for it: neither they nor what they share are in a wheel."""
+"""Experiments on synthetic scenes, which need a checkout: wheels contain neither them nor their helpers."""
 
 
 def load_experiment(name: str) -> ModuleType:
-    """The experiment of that name. In a checkout its root comes first among the places to import from."""
+    """Load an experiment. In a checkout, the root is put first in ``sys.path``."""
     root = content.content_root()
     if name in CHECKOUT_ONLY and name not in content.content_names("evals"):
         remedy = "pip install -e '.[eval]' in a checkout of GRS, and run it there"
@@ -37,7 +37,7 @@ def load_experiment(name: str) -> ModuleType:
 
 
 def terminal_table(title: str, columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> Table:
-    """The rows for a terminal."""
+    """The rows as a table for the terminal."""
     result = Table(*columns, title=title)
     for row in rows:
         result.add_row(*(Text(str(row[column])) for column in columns))

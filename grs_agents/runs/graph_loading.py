@@ -1,4 +1,4 @@
-"""Load a graph, shipped or of the user's own, and name the user's file where the graph is at fault."""
+"""Loading of shipped and user graphs; errors name the user's file if it is at fault."""
 
 import asyncio
 import inspect
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from langgraph.checkpoint.base import BaseCheckpointSaver
 
 _NODE_IN_NOTE = re.compile(r"During task with name '([^']*)'")
-"""LangGraph notes on an exception in which node it was raised."""
+"""LangGraph's note on an exception, naming the node that raised it."""
 
 
 def load_graph(name: str) -> ModuleType:
-    """The graph file ``name``. Raises ConfigError: nothing has that name, or the file has no ``build``."""
+    """Load the graph file ``name``. Raises ConfigError: unknown name, or a file without ``build``."""
     module = content.load_module("graphs", name)
     if not callable(getattr(module, "build", None)):
         raise ConfigError(f"graph {name!r} ({module.__file__}) has no build()", "define what is missing")
@@ -32,11 +32,11 @@ def load_graph(name: str) -> ModuleType:
 
 
 def compile_graph(name: str, checkpointer: "BaseCheckpointSaver[str] | None" = None) -> Any:
-    """Build and compile the graph ``name`` for a synchronous run; its coroutine functions run in event loops.
+    """Build and compile the graph ``name`` for a synchronous run; coroutine functions run in event loops.
 
     Raises:
-        ConfigError: ``build()`` fails or returns no ``StateGraph``, LangGraph refuses the graph, or a node has what a
-            synchronous run cannot have; the message names the file and the line.
+        ConfigError: ``build()`` fails or returns no ``StateGraph``, LangGraph refuses the graph, or a node cannot run
+            synchronously; the message names the file and the line.
     """
     from langgraph.graph import StateGraph
 
@@ -50,7 +50,15 @@ def compile_graph(name: str, checkpointer: "BaseCheckpointSaver[str] | None" = N
             )
         compiled: Any = cast(Any, graph).compile(checkpointer=checkpointer)
         for runnable in _runnables_of_graph(graph):
-            _give_synchronous_form(runnable, shown)
+            function = getattr(runnable, "afunc", None)
+            if function is None or getattr(runnable, "func", None) is not None:
+                continue
+            if inspect.isasyncgenfunction(function):
+                raise ConfigError(
+                    f"{shown}: {function.__name__} is an asynchronous generator",
+                    "write a function, or a coroutine function that returns the changes of the state",
+                )
+            runnable.func = _run_in_event_loop(function)
     except GrsError:
         raise
     except (Exception, SystemExit) as error:
@@ -68,7 +76,7 @@ def compile_graph(name: str, checkpointer: "BaseCheckpointSaver[str] | None" = N
 
 
 def _runnables_of_graph(graph: Any) -> Iterator[Any]:
-    """What the nodes and the conditional edges of a ``StateGraph`` call, those of graphs inside it included."""
+    """The runnables of a ``StateGraph``'s nodes and conditional edges, nested graphs included."""
     pending: list[Any] = [spec.runnable for spec in graph.nodes.values()]
     pending += [branch.path for branches in graph.branches.values() for branch in branches.values()]
     seen: set[int] = set()
@@ -81,24 +89,11 @@ def _runnables_of_graph(graph: Any) -> Iterator[Any]:
         if (builder := getattr(runnable, "builder", None)) is not None:  # a compiled graph
             pending += _runnables_of_graph(builder)
         pending += getattr(runnable, "steps", ())  # a sequence
-        pending += filter(None, [getattr(runnable, "bound", None)])  # a runnable with arguments of its own
-
-
-def _give_synchronous_form(runnable: Any, shown: str) -> None:
-    """Let a runnable that has a coroutine function alone be called without ``await``."""
-    function = getattr(runnable, "afunc", None)
-    if function is None or getattr(runnable, "func", None) is not None:
-        return
-    if inspect.isasyncgenfunction(function):
-        raise ConfigError(
-            f"{shown}: {function.__name__} is an asynchronous generator",
-            "write a function, or a coroutine function that returns the changes of the state",
-        )
-    runnable.func = _run_in_event_loop(function)
+        pending += filter(None, [getattr(runnable, "bound", None)])  # a runnable with bound arguments
 
 
 def _run_in_event_loop(function: Callable[..., Any]) -> Callable[..., Any]:
-    """A coroutine function as a plain one; each call has an event loop, and the context variables of its caller."""
+    """A synchronous form of a coroutine function; each call has an event loop and its caller's context variables."""
 
     @wraps(function)
     def run(*arguments: Any, **named: Any) -> Any:
@@ -113,17 +108,18 @@ def _run_in_event_loop(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def explain_graph_error(error: Exception, name: str, since: str) -> ConfigError | None:
-    """The error of a run as one of the user's own code or graph, with the file; None where neither is at fault.
+    """Convert an error raised by user code or a user's graph to a ConfigError that names the file; None for other
+    errors.
 
     Args:
-        error: what ended the run of the graph.
+        error: the error that ended the run.
         name: of the graph.
-        since: the file whose frames called the graph; what the traceback has before them does not count.
+        since: the file that called the graph; earlier frames of the traceback are ignored.
     """
     from langgraph.errors import GraphBubbleUp, GraphRecursionError, InvalidUpdateError
 
     file = Path(str(load_graph(name).__file__))
-    node = next((found[1] for note in getattr(error, "__notes__", ()) if (found := _NODE_IN_NOTE.search(note))), "")
+    node = next((match[1] for note in getattr(error, "__notes__", ()) if (match := _NODE_IN_NOTE.search(note))), "")
     of_graph = f"{f'node {node!r} of ' if node else ''}graph {name!r}"
     below = [Path(frame.filename) for frame in content.list_frames(error, since)]
     in_langgraph = below[:1] != [] and "langgraph" in below[0].parts

@@ -1,7 +1,7 @@
-"""``hashes.json``: what every file of an ended run held, and every file of the library that its instances use.
+"""``hashes.json``: digests of all files of an ended run, and of the library files that its instances use.
 
-Pages, films and recordings that verbs add later are entered as they are added. It tells that something was changed. It
-is no signature: whoever changes a file can write new hashes, and then only the recomputed audit tells.
+Verbs that add pages, films and recordings later add their digests. The file detects changes but is no signature:
+whoever changes a file can rewrite its digest, and then only the recomputed audit shows it.
 """
 
 import hashlib
@@ -22,7 +22,7 @@ from grs_agents.sim.instance.task_instance import TaskInstance
 
 FILE = "hashes.json"
 MADE_LATER = frozenset({".rrd", ".html", ".htm", ".zip", ".mp4", ".gif", ".webp"})
-"""Kinds of files that verbs make of a run, also anew; nothing is read from them, but people look at them."""
+"""Suffixes of files that verbs derive from a run, for people to look at; nothing is read from them."""
 _APART = frozenset({FILE, ".lock"})
 Hash = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 """SHA-256 of a file's bytes."""
@@ -32,28 +32,37 @@ class RunHashes(Frozen):
     """The hashes of a run."""
 
     files: dict[str, Hash]  # by path relative to the run folder
-    # by asset: of its file, meshes and textures by path relative to the library, and of its entry in the manifest
+    # by asset: its file, meshes and textures by path relative to the library, and its manifest entry
     library: dict[str, dict[str, Hash]]
 
     def as_text(self) -> str:
-        """The content of the file, the same for equal hashes."""
+        """The canonical text of the file."""
         return json.dumps(self.model_dump(mode="json"), indent=1, sort_keys=True) + "\n"
 
 
 def write_hashes(folder: Path) -> RunHashes:
-    """Hash an ended run, whose files nobody writes any more. Raises InputError: a file cannot be read or written."""
+    """Hash an ended run. Raises InputError: a file cannot be read or written."""
     library = Library()
-    used = {name: _hash_asset(name, library) for name in _collect_asset_names(folder) if name in library}
-    hashes = RunHashes(files=_hash_run_files(folder), library=used)
+    names: set[str] = set()
+    for file in sorted((folder / "instances").glob("*.json")):
+        with suppress(ValidationError, InputError):  # a damaged instance is found by its own hash
+            instance = TaskInstance.model_validate(read_json(file, "restore the file"))
+            names |= {item.asset for item in instance.objects}
+    assets: dict[str, dict[str, str]] = {}
+    for name in filter(library.__contains__, names):
+        model = library.load_object_model(name)
+        parts = {part for shape in (*model.visuals, *model.colliders) for part in (shape.mesh, shape.texture) if part}
+        assets[name] = dict(_hash_asset_parts(name, (_manifest_entry_key(name), name, *sorted(parts)), library))
+    hashes = RunHashes(files=_hash_run_files(folder), library=assets)
     write_text(folder / FILE, hashes.as_text(), durable=True)
     return hashes
 
 
 def add_hash(folder: Path, file: Path) -> None:
-    """Let the hashes of an ended run tell what ``file`` holds, if a verb has just made it in the run's ``folder``.
+    """Add the digest of ``file``, if a verb has just made it in the folder of an ended run.
 
-    Hashes that are not as they were written stay so, for `list_changed_files` to tell. Raises InputError: a file cannot
-    be read or written.
+    Damaged hashes stay unchanged, for `list_changed_files` to report. Raises InputError: a file cannot be read or
+    written.
     """
     place, root = file.resolve(), folder.resolve()
     if place.suffix.lower() not in MADE_LATER or not place.is_relative_to(root) or not (root / FILE).is_file():
@@ -68,10 +77,10 @@ def add_hash(folder: Path, file: Path) -> None:
 
 
 def update_hashes_in_copy(copy: Path, before: Mapping[str, bytes], left_out: Iterable[str]) -> None:
-    """Let the hashes in ``copy`` say what its files hold now that ``before`` were replaced and ``left_out`` are gone.
+    """Update the hashes in ``copy`` after the files ``before`` were replaced and ``left_out`` were removed.
 
-    Pages, films and recordings are gone too; `add_hash` tells of those that are made of the copy. A file that did not
-    have its hash before gets no new one: a change of somebody else's stays one.
+    Pages, films and recordings are removed too; `add_hash` adds those made from the copy. A file whose digest did
+    not match before gets no new digest, so that foreign changes stay visible.
     """
     if not (copy / FILE).is_file():
         return
@@ -89,7 +98,7 @@ def update_hashes_in_copy(copy: Path, before: Mapping[str, bytes], left_out: Ite
 
 
 def list_changed_files(folder: Path) -> tuple[str, ...]:
-    """One line for each file that is not what it was when the run ended; it begins with the file's name.
+    """A line for each file changed since the run ended, beginning with the file's name.
 
     Raises:
         InputError: the run has no hashes, or a file cannot be read.
@@ -113,65 +122,46 @@ def _read_hashes(folder: Path) -> RunHashes:
         return RunHashes.model_validate(read_json(folder / FILE, "restore the file"))
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        where = ".".join(map(str, first["loc"]))
-        raise InputError(f"it is damaged at {where}: {first['msg']}", "restore the file") from error
+        field = ".".join(map(str, first["loc"]))
+        raise InputError(f"it is damaged at {field}: {first['msg']}", "restore the file") from error
 
 
 def _describe_hash_differences(before: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
     for name in sorted({*before, *now}):
         if before.get(name) != now.get(name):
-            what = "is missing" if name not in now else "was added" if name not in before else "was changed"
-            line = name.replace("\n", "\\n")  # or a name could add a line of its own to the report
-            yield f"{line}: it {what}"
+            change = "is missing" if name not in now else "was added" if name not in before else "was changed"
+            line = name.replace("\n", "\\n")  # keeps a name from forging a line of the report
+            yield f"{line}: it {change}"
 
 
 def _hash_run_files(folder: Path) -> dict[str, str]:
-    files = (file for file in folder.rglob("*") if file.is_file())
-    named = {file.relative_to(folder).as_posix(): file for file in files}
-    return {name: _sha256_of_file(file) for name, file in sorted(named.items()) if name not in _APART}
-
-
-def _collect_asset_names(folder: Path) -> set[str]:
-    """The assets that the instances of a run name; those of its own lie in its folder."""
-    names: set[str] = set()
-    for file in sorted((folder / "instances").glob("*.json")):
-        try:
-            instance = TaskInstance.model_validate(read_json(file, "restore the file"))
-        except (ValidationError, InputError):  # its own hash tells
+    hashes: dict[str, str] = {}
+    files = {file.relative_to(folder).as_posix(): file for file in folder.rglob("*") if file.is_file()}
+    for name, file in sorted(files.items()):
+        if name in _APART:
             continue
-        names |= {item.asset for item in instance.objects}
-    return names
+        try:
+            with file.open("rb") as stream:  # of any size
+                hashes[name] = hashlib.file_digest(stream, "sha256").hexdigest()
+        except OSError as error:
+            raise InputError(f"cannot read {file}: {error.strerror}", "restore the file") from error
+    return hashes
 
 
-def _hash_asset(name: str, library: Library) -> dict[str, str]:
-    model = library.load_object_model(name)
-    parts = {part for shape in (*model.visuals, *model.colliders) for part in (shape.mesh, shape.texture) if part}
-    return dict(_hash_asset_parts(name, (_format_manifest_entry_name(name), name, *sorted(parts)), library))
-
-
-def _format_manifest_entry_name(name: str) -> str:
-    """How the manifest's entry of an asset is called among the hashes of its files."""
+def _manifest_entry_key(name: str) -> str:
+    """Key of an asset's manifest entry among the hashes of its files."""
     return f"manifest.json, {name}"
 
 
 def _hash_asset_parts(asset: str, parts: Iterable[str], library: Library) -> Iterator[tuple[str, str]]:
-    """The hash of each part of ``asset`` that is there: its file, a mesh, a texture, or what the manifest says of it.
-    Nothing is parsed, so that a damaged file is named and not what depends on it."""
+    """Digest of each existing part of ``asset``: its file, meshes, textures, manifest entry.
+    Parts are not parsed, so that a damaged file itself is reported and not its dependents."""
     for part in parts:
         with suppress(InputError):
-            if part == _format_manifest_entry_name(asset):
+            if part == _manifest_entry_key(asset):
                 yield part, _sha256_of_bytes(library.asset(asset).model_dump_json().encode())
             else:
                 yield part, _sha256_of_bytes(read_bytes(library.mesh_or_texture_path(part)))
-
-
-def _sha256_of_file(file: Path) -> str:
-    """Of a file of any size, piece by piece. Raises InputError: it cannot be read."""
-    try:
-        with file.open("rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
-    except OSError as error:
-        raise InputError(f"cannot read {file}: {error.strerror}", "restore the file") from error
 
 
 def _sha256_of_bytes(data: bytes) -> str:

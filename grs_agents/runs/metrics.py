@@ -1,4 +1,4 @@
-"""Measured quantities with the bounds they should keep, as experiments show them."""
+"""Measured quantities of experiments, with their bounds."""
 
 import resource
 from collections.abc import Sequence
@@ -10,34 +10,34 @@ from grs_agents.base import Frozen
 
 
 class Figure(Frozen):
-    """One measured quantity."""
+    """A measured quantity."""
 
     name: str
-    value: float | None  # None where nothing was
-    target: float | None = None  # the bound it should keep; None for what only explains another
+    value: float | None  # None if not measured
+    target: float | None = None  # its bound; None for an explanatory quantity
     unit: str = ""
-    smaller_is_better: bool = True  # which side of the target is good
+    smaller_is_better: bool = True  # whether the target is an upper bound
 
     @property
     def is_target_met(self) -> bool | None:
-        """Whether the target is kept; None without a value or a target."""
+        """Whether the target is met; None without a value or a target."""
         if self.value is None or self.target is None:
             return None
         return self.value <= self.target if self.smaller_is_better else self.value >= self.target
 
     def format_target_value(self) -> str:
-        """The target with its sign and unit; empty without one."""
+        """The target with its sign and unit; empty without a target."""
         sign = "<=" if self.smaller_is_better else ">="
         return "" if self.target is None else f"{sign} {self.target:g} {self.unit}".rstrip()
 
 
 def metrics_to_dicts(figures: Sequence[Figure]) -> list[dict[str, Any]]:
-    """The figures as plain JSON, each with whether its target is kept."""
+    """The figures as plain JSON, each with ``reached``."""
     return [{**figure.model_dump(), "reached": figure.is_target_met} for figure in figures]
 
 
 def figures_table(figures: Sequence[Figure]) -> list[dict[str, str]]:
-    """The figures that were measured as rows of a table, in words for people."""
+    """The measured figures as rows of a table."""
     return [
         {
             "figure": figure.name,
@@ -50,7 +50,7 @@ def figures_table(figures: Sequence[Figure]) -> list[dict[str, str]]:
 
 
 def metrics_table(title: str, figures: Sequence[Figure]) -> Table:
-    """The figures that were measured, for a terminal."""
+    """The measured figures as a table for the terminal."""
     table = Table("figure", "measured", "target", "", title=title)
     for figure in figures:
         if figure.value is not None:
@@ -60,6 +60,6 @@ def metrics_table(title: str, figures: Sequence[Figure]) -> Table:
 
 
 def cpu_seconds() -> float:
-    """CPU time of this process and of all its children that have ended, s."""
+    """CPU time of this process and of its ended children, s."""
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(usage.ru_utime + usage.ru_stime for usage in used)

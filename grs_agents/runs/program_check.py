@@ -1,4 +1,4 @@
-"""Check a simulation program outside a run: the same sandbox, tests, instances, oracle and audit."""
+"""Check of a simulation program outside a run, with the same sandbox, tests, instances, oracle and audit."""
 
 import tempfile
 from collections.abc import Callable, Generator
@@ -28,7 +28,7 @@ from grs_agents.graph.task_instances import AuditedPrograms
 from grs_agents.perception.reading.scene_source import resolve_scene_path
 from grs_agents.perception.types import read_scene_description
 from grs_agents.runs.record import read_record
-from grs_agents.runs.run_opening import Order
+from grs_agents.runs.run_opening import RunOrder
 from grs_agents.runs.sandbox_setup import open_sandbox
 from grs_agents.sandbox.protocol.report import TestReport
 from grs_agents.sim.arms.arm_files import find_arm_file
@@ -43,9 +43,9 @@ _SCENE_FILE = "scene.json"
 
 @dataclass(frozen=True)
 class CheckResult:
-    """What was found of a program."""
+    """Test report and audit of a program."""
 
-    tests: TestReport | None  # None where there are no tests
+    tests: TestReport | None  # None without tests
     audit: AuditReport
 
     @property
@@ -55,22 +55,22 @@ class CheckResult:
 
     @property
     def reason(self) -> str:
-        """Why the program is not accepted, in one line; empty if it is."""
+        """The reason of a rejection, a single line; empty if accepted."""
         return "" if self.accepted else explain_rejection(self.tests, self.audit)
 
 
 @dataclass(frozen=True)
 class CheckOrder:
-    """What to check, and against what."""
+    """The program to check, with its references."""
 
     simulation: Path
     tests: Path | None
     config: Config  # bounds, seeds and limits
     folder: Path  # where instances and recordings are written
-    task: Path | None = None  # the task definition, as a run writes it; without one the words are not judged
-    scene: Path | None = None  # a `scene.json`; without one the program need not keep to a photo
-    assets: Path | None = None  # what stands for the photo's objects and its background, laid over the library
-    name: str = "task_code"  # another module name that the tests may import the program by
+    task: Path | None = None  # the task definition as written by a run; without it the wording is not judged
+    scene: Path | None = None  # a `scene.json`; without it the program is not compared with a photo
+    assets: Path | None = None  # assets of the photo's objects and background, overlaid on the library
+    name: str = "task_code"  # alternative module name of the program in the tests
 
 
 def check_user_program(
@@ -101,7 +101,7 @@ def check_user_program(
 
 
 def _read_task_file(file: Path) -> tuple[TaskDefinition, TaskDefinition | None]:
-    """The task in a ``task.json``, and the one before it was revised, if it was. Raises InputError: it holds none."""
+    """Returns: the task of a ``task.json``; the task before its revision, if it was revised."""
     remedy = "name the task.json of a run, or write one with task-name, task-description and assets-used"
     value = read_json(file, remedy)
     revised: dict[str, Any] = value.get("revised") or {}
@@ -109,21 +109,20 @@ def _read_task_file(file: Path) -> tuple[TaskDefinition, TaskDefinition | None]:
         original = TaskDefinition.model_validate(revised["from"]) if revised else None
         return TaskDefinition.model_validate(value), original
     except (ValidationError, KeyError, TypeError) as error:
-        found = error.errors()[0] if isinstance(error, ValidationError) else {"loc": ("revised",), "msg": "no task"}
-        raise InputError(f"{file}: {found['loc'][0]}: {found['msg']}", remedy) from error
+        problem = error.errors()[0] if isinstance(error, ValidationError) else {"loc": ("revised",), "msg": "no task"}
+        raise InputError(f"{file}: {problem['loc'][0]}: {problem['msg']}", remedy) from error
 
 
 @contextmanager
 def open_check_order(
     program: Path, tests: Path | None, task: Path | None, scene: Path | None, chosen: EffectiveConfig, views: "Views"
 ) -> Generator[CheckOrder]:
-    """What to check, while its folder for what is written exists.
+    """The order of a check, whose output folder exists within the context.
 
     Args:
-        program: its file, or the folder of a run that ended with it; then tests, task and scene are the run's where
-            none are named.
+        program: a file, or the folder of a run; tests, task and scene default to those of the run.
         scene: a ``scene.json``, the folder of a run, or a photo, which is comprehended first.
-        views: what people look at while a photo is comprehended.
+        views: views of the comprehension of a photo.
 
     Raises:
         InputError: a file cannot be read, or the photo was not comprehended.
@@ -135,9 +134,10 @@ def open_check_order(
     with tempfile.TemporaryDirectory(prefix="grs-check-") as folder:
         order = CheckOrder(program, tests, chosen.config, Path(folder) / "check", task, name=program.stem)
         if scene is not None:
-            seen = _find_or_comprehend_scene(scene, chosen, Path(folder) / "scene", views)
-            around = {"scene": _path_if_file_exists(seen), "assets": seen.parent.resolve() / "assets"}
-            order = replace(order, config=_config_matching_run(seen.parent, chosen), **around)
+            file = _find_or_comprehend_scene(scene, chosen, Path(folder) / "scene", views)
+            config = _config_matching_run(file.parent, chosen)
+            assets = file.parent.resolve() / "assets"
+            order = replace(order, scene=_path_if_file_exists(file), assets=assets, config=config)
         yield order
 
 
@@ -146,7 +146,8 @@ def _path_if_file_exists(file: Path) -> Path | None:
 
 
 def _find_or_comprehend_scene(scene: Path, chosen: EffectiveConfig, out: Path, views: "Views") -> Path:
-    """The file of a scene, beside which its assets lie: a run's, the one named, or that of a photo comprehended now."""
+    """Path of the ``scene.json`` of a run, of the named file, or of a photo comprehended now; its assets lie beside
+    it."""
     from grs_agents.runs.execution import execute_run  # with LangGraph, which takes long to import
 
     if scene.suffix == ".json":
@@ -158,7 +159,7 @@ def _find_or_comprehend_scene(scene: Path, chosen: EffectiveConfig, out: Path, v
         read_record(scene)
         return scene / _SCENE_FILE
     config = change_config(chosen.config, graph="scene", record=None, cassette=None)
-    ended = execute_run(Order("scene", resolve_scene_path(scene), EffectiveConfig(config), out), views)
+    ended = execute_run(RunOrder("scene", resolve_scene_path(scene), EffectiveConfig(config), out), views)
     if ended.problem is not None:
         raise ended.problem
     if ended.record.status != "accepted":
@@ -167,24 +168,23 @@ def _find_or_comprehend_scene(scene: Path, chosen: EffectiveConfig, out: Path, v
 
 
 def _config_matching_run(folder: Path, chosen: EffectiveConfig) -> Config:
-    """The configuration with the robot and the seed of the run in ``folder``, where the user names none."""
+    """The configuration with the robot and seed of the run in ``folder``, unless the user sets them."""
     if not (folder / "run.json").is_file():
         return chosen.config
     recorded = read_record(folder).config
-    same: dict[str, Any] = {}
+    changes: dict[str, Any] = {}
     if chosen.sources.get("robot", "default") == "default":
-        same["robot"] = find_recorded_robot(folder, recorded)
+        changes["robot"] = find_recorded_robot(folder, recorded)
     if chosen.sources.get("seed", "default") == "default":
-        same["seed"] = recorded.select_portable().get("seed", chosen.config.seed)
-    return change_config(chosen.config, **same)
+        changes["seed"] = recorded.select_portable().get("seed", chosen.config.seed)
+    return change_config(chosen.config, **changes)
 
 
 def find_recorded_robot(folder: Path, recorded: RecordedConfig) -> str:
-    """The arm that the run in ``folder`` was made with: a shipped one, or the run's own copy of a file.
+    """The run's arm: a shipped arm, or the run's copy of an arm file; the recorded path is not opened.
 
     Raises:
-        InputError: it was another file, of which the run has no copy; or a worker cannot load the copy. The path in the
-            record is not opened.
+        InputError: the run has no copy of its arm file, or a worker cannot load the copy.
     """
     robot = str(recorded.as_json().get("robot", Config().robot))
     copied = find_arm_file(folder, robot)

@@ -1,4 +1,4 @@
-"""``run.json``: what a run was, how it went and what it cost."""
+"""``run.json``: inputs, outcome and cost of a run."""
 
 import os
 import platform
@@ -23,21 +23,21 @@ from grs_agents.base.version import __version__
 Status = Literal["running", "accepted", "rejected", "failed", "interrupted", "waiting"]
 PACKAGES = "mujoco langgraph langchain-core rerun-sdk numpy opencv-python-headless pydantic trimesh"
 EXIT_STATUS = {"accepted": 0, "rejected": 1}
-"""The verdicts, each with what the command returns."""
+"""Verdicts with the exit status of the command."""
 FILE = "run.json"
 MOST_BYTES = 1 << 20
-"""Of ``run.json``; the sample run has 3 kilobytes."""
+"""Largest ``run.json``; the sample run has 3 kilobytes."""
 REMEDY = "name a folder that `grs run` wrote"
 
 
 class RunRecord(Frozen):
-    """The record of one run."""
+    """The record of a run."""
 
     id: str
     status: Status
-    reason: str = ""  # why, in one line
-    question: Question | None = None  # what a run that is `waiting` waits for
-    exit_status: int | None = None  # what the command returned; `None` while running
+    reason: str = ""  # of the status, a single line
+    question: Question | None = None  # of a `waiting` run
+    exit_status: int | None = None  # of the command; `None` while running
     command: str  # `run`, `scene` or `check`
     source: str  # the scene folder or the program
     graph: str  # the topology
@@ -46,13 +46,13 @@ class RunRecord(Frozen):
     seeds: tuple[int, ...]  # the seeds of the audit
     sandbox: str = ""  # the backend that isolated generated code
     counts: dict[str, int] = Field(default_factory=dict)  # objects, fixes, model calls, tokens
-    cost: float | None = None  # US dollars of all model calls; `None` where a provider did not tell its price
+    cost: float | None = None  # US dollars of all model calls; `None` if a price is unknown
     rewards: tuple[float, ...] = ()  # the trusted oracle's reward for each seed
     seconds: dict[str, float] = Field(default_factory=dict)  # wall seconds by stage, and `total`
-    attempts: int = 1  # how often the run was started or resumed
+    attempts: int = 1  # number of starts and resumptions
 
     def write(self, folder: Path) -> "RunRecord":
-        """Write ``run.json`` whole; on a full disk over the old record, which must not go on saying ``running``."""
+        """Write ``run.json`` atomically; on a full disk over the old record, which would otherwise stay ``running``."""
         try:
             write_json(folder / FILE, self.model_dump(mode="json"), durable=True)
         except InputError:
@@ -63,13 +63,12 @@ class RunRecord(Frozen):
 
 
 def read_record(folder: Path) -> RunRecord:
-    """Open a run folder, which may come from somebody else: look at all that is in it, then read ``run.json``.
-
-    Every verb that reads a run begins here.
+    """Validate all of a run folder, which may be foreign, then read ``run.json``; every verb that reads a run begins
+    here.
 
     Raises:
-        InputError: the folder holds no run, its record is damaged, or something in it is no regular file, leads out
-            of the folder or is too large.
+        InputError: the folder holds no run, its record is damaged, or an entry is no regular file, leads out of the
+            folder or is too large.
     """
     file = folder / FILE
     if not os.path.lexists(file):
@@ -84,7 +83,7 @@ def read_record(folder: Path) -> RunRecord:
 
 
 def installed_versions() -> dict[str, str]:
-    """The versions that a result depends on."""
+    """Versions on which a result depends."""
     installed = {"grs-agents": __version__, "python": platform.python_version(), "platform": platform.platform()}
     for package in PACKAGES.split():
         try:
@@ -105,14 +104,14 @@ def seconds_by_stage(events: Sequence[Event]) -> dict[str, float]:
 
 
 def sum_reply_costs(events: Sequence[Event]) -> float | None:
-    """US dollars of all model calls; None where there were none, or one has no price."""
+    """US dollars of all model calls; None without calls, or if a price is unknown."""
     costs = [event.cost for event in events if event.kind == "reply"]
     known = [cost for cost in costs if cost is not None]
     return round(sum(known), 6) if costs and len(known) == len(costs) else None
 
 
 def count_run_results(events: Sequence[Event], state: Mapping[str, Any]) -> dict[str, int]:
-    """What was seen, kept, made and spent."""
+    """Counts of objects, fixes, model calls and tokens."""
     replies = [event for event in events if event.kind == "reply"]
     kinds = Counter(event.node for event in events if event.kind == "node_ended")
     scene: dict[str, Any] = state.get("scene", {})
@@ -121,7 +120,7 @@ def count_run_results(events: Sequence[Event], state: Mapping[str, Any]) -> dict
     objects: list[dict[str, Any]] = scene.get("objects", [])
     rollouts: list[dict[str, Any]] = audit.get("rollouts", [])
     return {
-        "candidates": len(state.get("candidates", [])),
+        "candidates": len(state.get("objects", [])),
         "objects": len(objects),
         "objects_matched": sum(bool(item["matched"]) for item in objects),
         "objects_reachable": sum(bool(item["reachable"]) for item in objects),

@@ -1,4 +1,4 @@
-"""Record a run as a cassette; repeat it with its settings, and compare the two."""
+"""Cassettes: record a run, repeat it with its settings, and compare the two."""
 
 import hashlib
 import json
@@ -22,12 +22,12 @@ _NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e-?\d+)?")
 
 
 def write_cassette(file: Path, config: Config, record: RunRecord, folder: Path) -> None:
-    """Write the run in ``folder`` to ``file``, without keys and home folders, whichever way it ended.
+    """Write the run in ``folder`` as a cassette, without keys and home folders, whatever its outcome.
 
     Raises:
         InputError: the file cannot be written, or the log cannot be read.
     """
-    default, present = (flatten_tree(one.model_dump(mode="json")) for one in (Config(), config))
+    default, present = (flatten_tree(item.model_dump(mode="json")) for item in (Config(), config))
     cassette = Cassette(
         version=__version__,
         scene=short_scene_name(Path(record.source)),
@@ -43,31 +43,31 @@ def write_cassette(file: Path, config: Config, record: RunRecord, folder: Path) 
 
 
 def add_recording_comparison(name: str, record: RunRecord, folder: Path) -> RunRecord:
-    """The record, whose reason tells whether the run ended as its recording: verdict, programs and task instances."""
-    cassette, made = read_cassette(name), _digest_run_files(folder)
-    differ = sorted({file for file, _ in made.items() ^ cassette.files.items()})
+    """The record, with the comparison of verdict, programs and task instances with the cassette in its reason."""
+    cassette, digests = read_cassette(name), _digest_run_files(folder)
+    differences = sorted({file for file, _ in digests.items() ^ cassette.files.items()})
     if record.status != cassette.status:
-        differ.insert(0, f"the verdict (recorded: {cassette.status})")
-    how = f"differs from the recording in {', '.join(differ)}" if differ else "equal to the recording"
-    return record.model_copy(update={"reason": f"{record.reason}; {how}"})
+        differences.insert(0, f"the verdict (recorded: {cassette.status})")
+    result = f"differs from the recording in {', '.join(differences)}" if differences else "equal to the recording"
+    return record.model_copy(update={"reason": f"{record.reason}; {result}"})
 
 
 def select_cassette_settings(settings: dict[str, Any]) -> dict[str, Any]:
-    """The settings that a cassette brings along, which may come from anybody: portable ones, and the names of models,
-    which are not asked."""
+    """The settings stored in a cassette, which may be foreign: portable settings and model names, which are not
+    called."""
     names = {key: value for key, value in settings.items() if re.fullmatch(r"models\.[a-z_]+\.model", key)}
     return {key: value for key, value in {**select_portable_settings(settings), **names}.items() if value is not None}
 
 
 def _digest_run_files(folder: Path) -> dict[str, str]:
-    """The files that a run is about, each with a digest that does not depend on the last digits of its numbers."""
+    """Digests of task, programs and instances, with numbers rounded to 4 decimals."""
+
+    def round_number(number: re.Match[str]) -> str:
+        return f"{round(float(number[0]), 4) + 0.0:.4f}"  # + 0.0 turns minus zero into zero
+
     files = sorted(file for pattern in _MADE for file in folder.glob(pattern))
-    texts = {file: _NUMBER.sub(_round_matched_number, file.read_text("utf-8")) for file in files}
+    texts = {file: _NUMBER.sub(round_number, file.read_text("utf-8")) for file in files}
     return {
         file.relative_to(folder).as_posix(): hashlib.sha256(text.encode()).hexdigest()[:16]
         for file, text in texts.items()
     }
-
-
-def _round_matched_number(number: re.Match[str]) -> str:
-    return f"{round(float(number[0]), 4) + 0.0:.4f}"  # + 0.0 makes zero of minus zero

@@ -1,7 +1,4 @@
-"""Open a run: all that can be known to be wrong is refused here, before anything ran and before a folder is made.
-
-The run folder is made new, or opened again to resume.
-"""
+"""Opening of a run: validate the request before anything runs, then create its folder or open it to resume."""
 
 import fcntl
 import os
@@ -32,13 +29,13 @@ from grs_agents.runs.record import EXIT_STATUS, FILE, RunRecord, installed_versi
 from grs_agents.toolkit import load_tool
 
 RUNS = Path("runs")
-"""Where runs lie that the user gives no folder."""
+"""Parent of the run folders that the user does not name."""
 LOCK = ".lock"
-"""Locked by the process that runs in the folder, whose number it holds."""
+"""Lock file with the id of the process that runs in the folder."""
 
 
 def make_run_folder(name: str, seed: int, out: Path | None) -> Path:
-    """Make the folder of a new run: ``out``, or ``runs/<time>-<name>-<seed>``."""
+    """Create the folder of a new run: ``out``, or ``runs/<time>-<name>-<seed>``."""
     if out is not None:
         require_unused_folder(out)
         return _make_folder(out, exist_ok=True)
@@ -54,12 +51,12 @@ def make_run_folder(name: str, seed: int, out: Path | None) -> Path:
             folder = base.with_name(f"{base.name}-{number}")
 
 
-def remove_run_folder(folder: Path, made: Sequence[Path]) -> None:
-    """Remove all that a run wrote into its folder, then the folders ``made`` for it, innermost first, where empty."""
+def remove_run_folder(folder: Path, created: Sequence[Path]) -> None:
+    """Empty a run's folder, then remove the folders ``created`` for it, innermost first, if empty."""
     for entry in folder.iterdir():
         shutil.rmtree(entry) if entry.is_dir() and not entry.is_symlink() else entry.unlink()
-    for path in made:
-        with suppress(OSError):  # another run has its folder there by now
+    for path in created:
+        with suppress(OSError):  # another run may use it by now
             path.rmdir()
 
 
@@ -76,7 +73,7 @@ def _make_folder(folder: Path, exist_ok: bool) -> Path:
 
 
 def require_unused_folder(folder: Path) -> None:
-    """See that a folder is new or empty."""
+    """Raise InputError unless a folder is new or empty."""
     if (folder / FILE).exists():
         raise InputError(f"{folder} already holds a run", "go on with it with --resume, or name another with --out")
     try:
@@ -88,7 +85,7 @@ def require_unused_folder(folder: Path) -> None:
 
 @contextmanager
 def lock_run_folder(folder: Path) -> Generator[None]:
-    """Let no other process run in ``folder`` until the block ends. The kernel lets go of a process that is killed.
+    """Lock ``folder`` against other runs within the context; the kernel releases the lock of a killed process.
 
     Readers need no lock.
     """
@@ -97,27 +94,23 @@ def lock_run_folder(folder: Path) -> Generator[None]:
     except OSError as error:
         raise unwritable_error(folder / LOCK, error) from error
     try:
-        _lock_open_file(descriptor, folder)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            os.ftruncate(descriptor, 0)
+            os.pwrite(descriptor, str(os.getpid()).encode(), 0)
+        except BlockingIOError as error:
+            holder = os.pread(descriptor, 20, 0)
+            owner = f"process {int(holder)}" if holder.isdigit() else "another process"
+            raise InputError(f"{folder} is in use by {owner}", "wait until it ends, or name another --out") from error
+        except OSError as error:
+            raise unwritable_error(folder / LOCK, error) from error
         yield
     finally:
         os.close(descriptor)
 
 
-def _lock_open_file(descriptor: int, folder: Path) -> None:
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        os.ftruncate(descriptor, 0)
-        os.pwrite(descriptor, str(os.getpid()).encode(), 0)
-    except BlockingIOError as error:
-        holder = os.pread(descriptor, 20, 0)
-        who = f"process {int(holder)}" if holder.isdigit() else "another process"
-        raise InputError(f"{folder} is in use by {who}", "wait until it ends, or name another --out") from error
-    except OSError as error:
-        raise unwritable_error(folder / LOCK, error) from error
-
-
 def open_resumed_folder(out: Path | None, source: Path, command: str) -> tuple[Path, RunRecord]:
-    """Open the folder of an earlier run of the same scene by the same ``command``."""
+    """Open the folder of an earlier run of the same scene and ``command``."""
     if out is None:
         raise InputError("--resume needs the folder of the run", "name it with --out DIR")
     record = read_record(out)
@@ -133,12 +126,12 @@ def open_resumed_folder(out: Path | None, source: Path, command: str) -> tuple[P
 
 
 GIVEN = frozenset({"scene_path", "max_fixes", "fixes", "history"})
-"""The fields of the state that a run begins with."""
+"""State fields that every run begins with."""
 
 
 @dataclass(frozen=True)
-class Order:
-    """What the user asked for."""
+class RunOrder:
+    """A user's request for a run."""
 
     command: str  # `run` or `scene`
     source: Path  # the scene: a folder, a file, or `bop:` and an image of a data set
@@ -147,38 +140,33 @@ class Order:
     resume: bool = False  # go on with the run in `out`
     # fields of the state beside those that every run begins with
     given: Mapping[str, Any] = field(default_factory=dict[str, Any])
-    reply: str | None = None  # to the question that the run in `out` waits for
-    nested: bool = False  # the graph runs in a node of another, which is told of its steps and keeps the checkpoints
-
-
-def _check_reply_is_awaited(order: Order, record: RunRecord) -> None:
-    if order.reply is None:
-        return
-    if record.question is None:
-        raise InputError(f"the run {order.out} is {record.status} and waits for no reply", "see `grs show`")
-    if not order.nested and order.out is not None and not (order.out / CHECKPOINT).is_file():
-        # It would begin anew, with a scene that the folder chose.
-        raise InputError(
-            f"{order.out} holds no {CHECKPOINT} to go on from", "run the scene again in another folder: --out"
-        )
-    require_reply_is_a_choice(record.question, order.reply)
+    reply: str | None = None  # to the question of the waiting run in `out`
+    nested: bool = False  # the graph runs in a node of a surrounding graph, which keeps the checkpoints
 
 
 @contextmanager
-def open_run(order: Order) -> Generator[tuple[Path, RunRecord, Config]]:
-    """Check the order, then make the run's folder or open the one to go on with, and keep other processes out of it.
+def open_run(order: RunOrder) -> Generator[tuple[Path, RunRecord, Config]]:
+    """Validate the order, create or open the run's folder, and lock it within the context.
 
     Yields:
-        The folder, the record to write into it (of an ended run: the one that is there), the configuration.
+        The folder, the record to write into it (of an ended run: its own record), the configuration.
     """
     if order.resume:
         folder, record = open_resumed_folder(order.out, order.source, order.command)
         if record.status in EXIT_STATUS or (record.status == "waiting" and order.reply is None and not order.nested):
             yield folder, record, order.config.config
             return
-        _check_reply_is_awaited(order, record)
+        if order.reply is not None:
+            if record.question is None:
+                raise InputError(f"the run {order.out} is {record.status} and waits for no reply", "see `grs show`")
+            if not order.nested and not (folder / CHECKPOINT).is_file():
+                # Without a checkpoint it would restart, with a scene chosen by the folder.
+                raise InputError(
+                    f"{order.out} holds no {CHECKPOINT} to go on from", "run the scene again in another folder: --out"
+                )
+            require_reply_is_a_choice(record.question, order.reply)
         with lock_run_folder(folder):
-            record = read_record(folder)  # another process may have written it before it let go
+            record = read_record(folder)  # another process may have changed it before it released the lock
             config = record.config.resume_on(order.config)
             require_configured_names_exist(config, order.command, order.given)
             if record.status not in EXIT_STATUS:
@@ -208,12 +196,13 @@ def open_run(order: Order) -> Generator[tuple[Path, RunRecord, Config]]:
         seeds=tuple(config.seed + step for step in range(config.audit.seeds)),
     )
     with lock_run_folder(folder):
-        require_unused_folder(folder)  # another process may have been quicker
+        require_unused_folder(folder)  # another process may have been faster
         yield folder, record, config
 
 
 def require_configured_names_exist(config: Config, command: str, given: Mapping[str, Any]) -> None:
-    """See that every graph, policy, tool, prompt, recording and model that ``config`` names can be had."""
+    """Raise ConfigError or InputError if a graph, policy, tool, prompt, cassette or model of ``config`` cannot be
+    loaded."""
     graph = load_graph(config.graph)
     needs: Sequence[str] = getattr(graph, "NEEDS", ())
     missing = [name for name in needs if name not in GIVEN and name not in given]
@@ -230,15 +219,10 @@ def require_configured_names_exist(config: Config, command: str, given: Mapping[
         load_tool(name)
     for name in config.prompts.model_dump().values():
         content.content_path("prompts", name)
-    _require_usable_models_or_recording(config)
-
-
-def _require_usable_models_or_recording(config: Config) -> None:
-    """See that the models can be asked, or that the recording which stands for them can be read."""
     if config.record:
         check_output_path(Path(config.record))
         if path_exists(Path(config.record)):
-            read_cassette(config.record)  # nothing else is replaced
+            read_cassette(config.record)  # only a cassette may be overwritten
     if config.cassette:
         read_cassette(config.cassette)
     for spec in config.models.values() if config.record or not config.cassette else ():

@@ -1,4 +1,4 @@
-"""A run as one zip file for anybody to replay, without keys and without paths that tell whose machine it is."""
+"""Sharing of a run as a zip file, without keys and without paths of the machine."""
 
 import io
 import json
@@ -11,17 +11,17 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from grs_agents.base.control_characters import escape_control_chars
 from grs_agents.base.errors import GrsError, InputError
 from grs_agents.base.files import unwritable_error, write_bytes, write_file_or_stdout
 from grs_agents.base.foreign.arrays import read_npz_strings
 from grs_agents.base.foreign.files import read_bytes
-from grs_agents.base.terminal.control_characters import escape_control_chars
 from grs_agents.runs.hashes import update_hashes_in_copy
 
 REMOVED = "[removed]"
 _NAMES = re.compile(r"KEY|TOKEN|SECRET|PASSW|CREDENTIAL", re.IGNORECASE)
 _SHORTEST = 8
-"""Characters; a shorter value of a variable is taken for no key, since it would be found in any text."""
+"""Length from which a variable's value counts as a key; shorter values occur in any text."""
 _KEYS = re.compile(
     r"\b(?:sk|pk|rk)-[A-Za-z0-9_\-]{16,}"
     r"|\bAIza[A-Za-z0-9_\-]{30,}"
@@ -40,10 +40,10 @@ _PICTURE_CHUNKS = {b"IHDR", b"PLTE", b"IDAT", b"IEND", b"tRNS", b"gAMA", b"sRGB"
 
 @dataclass(frozen=True)
 class Scrubber:
-    """Replaces what must not leave."""
+    """Removes secrets and paths."""
 
-    secrets: tuple[str, ...]  # values that are replaced wherever they are
-    paths: tuple[tuple[str, str], ...]  # prefixes of paths and what replaces each, longest first
+    secrets: tuple[str, ...]  # values replaced everywhere
+    paths: tuple[tuple[str, str], ...]  # path prefixes and their replacements, longest first
 
     def remove_secrets(self, text: str) -> str:
         """``text`` without keys and home folders."""
@@ -55,7 +55,7 @@ class Scrubber:
         return _HOMES.sub("~", text)
 
     def describe_leak(self, data: bytes) -> str:
-        """What is still in ``data`` that must not leave, in words that do not repeat it; empty if nothing is."""
+        """Kind of secret left in ``data``, without repeating it; empty if there is none."""
         text = data.decode("utf-8", "replace")
         if any(secret in text for secret in self.secrets) or _KEYS.search(text):
             return "a key"
@@ -70,13 +70,13 @@ def make_scrubber(
     environment: Mapping[str, str] = os.environ,
     home: Path | None = None,
 ) -> Scrubber:
-    """The scrubber for a run.
+    """The scrubber of a run.
 
     Args:
-        folder: the run; its own path becomes ``.``.
-        key_variables: environment variables that the configuration names as holding keys.
-        environment: where their values are, and those of every variable that is called a key, token or password.
-        home: the home folder, that of the user by default; it becomes ``~``.
+        folder: the run; its path becomes ``.``.
+        key_variables: environment variables that hold keys according to the configuration.
+        environment: the variables; names that suggest a key, token or password count too.
+        home: the home folder, by default the user's; it becomes ``~``.
     """
     names = {*key_variables, *filter(_NAMES.search, environment)}
     values = {environment.get(name, "").strip() for name in names}
@@ -94,46 +94,54 @@ def _escape_for_json(text: str) -> str:
 
 
 def strip_png_metadata(data: bytes) -> bytes:
-    """A PNG file without all that is no picture: comments, places, cameras, dates; ``ValueError`` if it is none."""
+    """A PNG file without comments, places, cameras and dates. Raises ValueError: not a PNG file."""
     if not data.startswith(_PNG):
         raise ValueError("not a PNG file")
-    kept, at = [_PNG], len(_PNG)
-    while at + 12 <= len(data):
-        (length,) = struct.unpack(">I", data[at : at + 4])
-        end = at + 12 + length
-        if data[at + 4 : at + 8] in _PICTURE_CHUNKS:
-            kept.append(data[at:end])
-        at = end
-    return b"".join(kept)
+    chunks, start = [_PNG], len(_PNG)
+    while start + 12 <= len(data):
+        (length,) = struct.unpack(">I", data[start : start + 4])
+        end = start + 12 + length
+        if data[start + 4 : start + 8] in _PICTURE_CHUNKS:
+            chunks.append(data[start:end])
+        start = end
+    return b"".join(chunks)
 
 
 _TEXTS = frozenset({".json", ".jsonl", ".py", ".diff", ".urdf", ".xml", ".obj", ".mtl", ".md", ".txt", ".toml"})
 _KINDS = _TEXTS | {".png", ".npz"}
-"""What can be looked through."""
+"""Suffixes of files that can be searched."""
 _MADE = frozenset({"trace.rrd", "report.html"})
-"""Made anew from what is shared."""
+"""Files made anew from the shared ones."""
 _STAMP = (1980, 1, 1, 0, 0, 0)
 
 
 @dataclass(frozen=True)
 class PackedRun:
-    """What was packed."""
+    """A packed run."""
 
     path: Path
     files: int
     size: int  # of the zip file, bytes
-    changed: tuple[str, ...]  # files from which something was removed
+    changed: tuple[str, ...]  # files with removed secrets
     left_out: tuple[str, ...]  # files that were not packed
 
 
 def pack_run_as_zip(folder: Path, out: Path, scrubber: Scrubber, make: Callable[[Path], Sequence[Path]]) -> PackedRun:
-    """Pack a run."""
+    """Pack a run without secrets; ``make`` adds derived files to the cleaned copy.
+
+    Raises:
+        GrsError: a secret would remain.
+    """
     changed: dict[str, bytes] = {}
     left_out: list[str] = []
     with tempfile.TemporaryDirectory() as temporary:
         copy = Path(temporary) / scrubber.remove_secrets(folder.resolve().name)
-        for name in _list_run_files(folder):
-            before = read_bytes(folder / name) if _is_scannable_file(name) else None
+        for file in sorted(folder.rglob("*")):
+            if not file.is_file() or file.is_symlink() or file.name in _MADE or file.suffix == ".zip":
+                continue
+            name = file.relative_to(folder)
+            hidden = any(part.startswith(".") for part in name.parts) or escape_control_chars(str(name)) != str(name)
+            before = read_bytes(file) if name.suffix in _KINDS and not hidden else None
             data = None if before is None else _clean_file_content(name, before, scrubber)
             if data is None:
                 left_out.append(name.as_posix())
@@ -152,20 +160,8 @@ def pack_run_as_zip(folder: Path, out: Path, scrubber: Scrubber, make: Callable[
         return PackedRun(out, len(archive.namelist()), len(packed.getvalue()), tuple(changed), tuple(left_out))
 
 
-def _list_run_files(folder: Path) -> list[Path]:
-    """The files of a run, relative to its folder, without what is made anew, links and earlier zip files."""
-    files = (file for file in sorted(folder.rglob("*")) if file.is_file() and not file.is_symlink())
-    return [file.relative_to(folder) for file in files if file.name not in _MADE and file.suffix != ".zip"]
-
-
-def _is_scannable_file(name: Path) -> bool:
-    """Whether a file is of a kind that can be looked through, under a name that hides nothing."""
-    hidden = any(part.startswith(".") for part in name.parts) or escape_control_chars(str(name)) != str(name)
-    return not hidden and name.suffix in _KINDS
-
-
 def _clean_file_content(name: Path, data: bytes, scrubber: Scrubber) -> bytes | None:
-    """The content to share of a file; None if it is of a kind that cannot be looked through."""
+    """The cleaned content of a file; None if it cannot be searched."""
     if name.suffix in _TEXTS:
         return scrubber.remove_secrets(data.decode("utf-8", "replace")).encode()
     try:
@@ -177,7 +173,7 @@ def _clean_file_content(name: Path, data: bytes, scrubber: Scrubber) -> bytes | 
 
 
 def _zip_folder_without_leaks(copy: Path, scrubber: Scrubber) -> io.BytesIO:
-    """The folder as a zip file whose every member was searched once more."""
+    """Zip the folder after a second search of every member."""
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         for file in sorted(copy.rglob("*")):

@@ -1,6 +1,6 @@
-"""``grs verify``: whether an ended run is what it was, and whether its audit comes out the same once more.
+"""``grs verify``: whether an ended run is unchanged, and whether its audit is reproducible.
 
-No check is known here by name: the audit is made again, and the two records are compared value by value.
+The audit is repeated, and both records are compared value by value, without knowledge of the single checks.
 """
 
 import json
@@ -29,37 +29,37 @@ if TYPE_CHECKING:
 
 _AUDIT, _INSTANCES = "audit.json", "instances"
 _KEYS = ("check", "seed")
-"""What tells the items of a list in ``audit.json`` from each other."""
-_MOST_WORDS = 160
-"""Of a value in a line that says what differs; both values are in the files."""
+"""Fields that identify the items of a list in ``audit.json``."""
+_MAX_VALUE = 160
+"""Characters of a value in a line of the report; the files hold both values."""
 
 
 @dataclass(frozen=True)
 class Verification:
-    """What was compared, and what differs."""
+    """The result of a verification."""
 
     folder: Path
-    verdict: str  # what the record of the run says
-    differences: tuple[str, ...]  # one line each, which begins with the file that differs
-    recomputed: bool  # whether the audit was made again; it is not where files were changed or no audit was made
-    note: str = ""  # why an honest run may differ here
+    verdict: str  # of the run's record
+    differences: tuple[str, ...]  # lines that begin with the name of a file
+    recomputed: bool  # whether the audit was repeated; not if files were changed or there is no audit
+    note: str = ""  # a reason for honest differences
 
     @property
     def holds(self) -> bool:
-        """Whether nothing differs."""
+        """Whether there is no difference."""
         return not self.differences
 
 
 def verify_run(folder: Path, local: Config, show: Callable[[str], None] = lambda _: None) -> Verification:
-    """Compare the files of a run with their hashes; where none was changed, audit it again.
+    """Compare the files of a run with their hashes; if all match, repeat its audit.
 
     Args:
-        folder: the run, which may come from somebody else.
-        local: says how generated code is isolated here.
-        show: is told what is done next.
+        folder: the run, which may be foreign.
+        local: configuration of this machine, for the isolation of generated code.
+        show: receives a progress text.
 
     Raises:
-        InputError: the folder holds no ended run, or the sandbox cannot be had.
+        InputError: the folder holds no ended run, or the sandbox is unavailable.
     """
     check_run_folder(folder)
     show("comparing the files with their hashes")
@@ -74,16 +74,18 @@ def verify_run(folder: Path, local: Config, show: Callable[[str], None] = lambda
     with tempfile.TemporaryDirectory(prefix="grs-verify-") as temporary:
         differences = tuple(_recompute_audit(folder, record, local, Path(temporary)))
     here = installed_versions()
-    others = [f"{name} {was} (here {here.get(name)})" for name, was in record.versions.items() if here.get(name) != was]
+    changes = [
+        f"{name} {was} (here {here.get(name)})" for name, was in record.versions.items() if here.get(name) != was
+    ]
     limits = flatten_tree({"limits": local.limits.model_dump()})
     recorded = flatten_tree(record.config.as_json())
-    others += [f"{key} {recorded[key]} (here {limits[key]})" for key in limits if recorded.get(key) != limits[key]]
-    note = f"the run was made with {', '.join(others)}" if differences and others else ""
+    changes += [f"{key} {recorded[key]} (here {limits[key]})" for key in limits if recorded.get(key) != limits[key]]
+    note = f"the run was made with {', '.join(changes)}" if differences and changes else ""
     return Verification(folder, record.status, differences, recomputed=True, note=note)
 
 
 def _recompute_audit(folder: Path, record: RunRecord, local: Config, temporary: Path) -> Iterator[str]:
-    """Each difference between the audit in ``folder`` and the one that its programs get in ``temporary``."""
+    """Differences between the audit in ``folder`` and its repetition in ``temporary``."""
     replies = collect_model_replies(read_events(folder / "events.jsonl"))
     recorded = read_json(folder / _AUDIT, "restore the file")
     order = CheckOrder(
@@ -96,18 +98,30 @@ def _recompute_audit(folder: Path, record: RunRecord, local: Config, temporary: 
         assets=folder.resolve() / "assets",
     )
     try:
-        found = check_user_program(order, partial(_AgentsOfRecord, earlier=replies))
+        result = check_user_program(order, partial(_AgentsOfRecord, earlier=replies))
     except MissingReply as error:
         yield f"events.jsonl: {error.message}"
         return
-    audit, accepted = found.audit, found.accepted and found.tests is not None
+    audit, accepted = result.audit, result.accepted and result.tests is not None
     yield from _list_differences(recorded, audit.model_dump(mode="json"), f"{_AUDIT}:")
-    yield from _list_instance_differences(folder, temporary)
+    # A run that restored its best version has only the instances of that version.
+    for file in sorted((folder / _INSTANCES).glob("*")):
+        repeated, name = temporary / _INSTANCES / file.name, f"{_INSTANCES}/{file.name}"
+        if not repeated.is_file():
+            yield f"{name}: it was not made again"
+        elif file.suffix == ".json":
+            yield from _list_differences(read_json(file, "restore it"), read_json(repeated, ""), f"{name}:")
+        elif file.suffix == ".npz" and read_bytes(file) != read_bytes(repeated):
+            yield f"{name}: the motion came out otherwise"
     if record.status == "accepted":
-        made = (temporary / _INSTANCES).glob("*")
-        lost = sorted(file.name for file in made if not (folder / _INSTANCES / file.name).is_file())
+        repeated_files = (temporary / _INSTANCES).glob("*")
+        lost = sorted(file.name for file in repeated_files if not (folder / _INSTANCES / file.name).is_file())
         yield from (f"{_INSTANCES}/{name}: an accepted run has it" for name in lost)
-    yield from _list_shadowed_assets(folder / "assets")
+    library = Library()
+    for file in sorted((folder / "assets").rglob("*")):  # a run's own assets never have names of the library
+        name = file.relative_to(folder / "assets").as_posix()
+        if file.is_file() and name in library:
+            yield f"assets/{name}: it stands in place of the library's asset of that name"
     if (record.status == "accepted") != accepted:
         yield f"run.json: status: recorded {record.status}, recomputed {'accepted' if accepted else 'rejected'}"
     if record.rewards != audit.rewards:
@@ -115,7 +129,7 @@ def _recompute_audit(folder: Path, record: RunRecord, local: Config, temporary: 
 
 
 def _build_config_from_record(folder: Path, record: RunRecord, local: Config) -> Config:
-    """The portable settings of the run on those of this machine, with the names of its models, which are not asked."""
+    """The run's portable settings over those of this machine, with the names of its models, which are not called."""
     config = record.config.over(local)
     models = {role: ModelConfig(model=name) for role, name in record.config.model_names().items()}
     judge = flatten_tree(record.config.as_json()).get("audit.judge")
@@ -129,54 +143,32 @@ def _build_config_from_record(folder: Path, record: RunRecord, local: Config) ->
 
 
 class _AgentsOfRecord(Agents):
-    """Agents that never ask a model which may answer otherwise the next time: what it said is in the record."""
+    """Agents that answer from the record, and never call a model whose reply could differ."""
 
     def chat_model_for_role(self, role: str) -> "BaseChatModel":
-        """The offline model. Raises MissingReply: another serves ``role``, and was not asked this in the run."""
+        """The offline model. Raises MissingReply: ``role`` has another model, and the record lacks its reply."""
         model = self.config.model_for_role(role).model
         if not is_offline(model):
             raise MissingReply(f"{model} ({role}) was not asked in the run what it is to be asked now")
         return super().chat_model_for_role(role)
 
 
-def _list_instance_differences(folder: Path, temporary: Path) -> Iterator[str]:
-    """What was drawn and recorded. A run that put its best version back has removed what was not of that version."""
-    for file in sorted((folder / _INSTANCES).glob("*")):
-        made = temporary / _INSTANCES / file.name
-        name = f"{_INSTANCES}/{file.name}"
-        if not made.is_file():
-            yield f"{name}: it was not made again"
-        elif file.suffix == ".json":
-            yield from _list_differences(read_json(file, "restore it"), read_json(made, ""), f"{name}:")
-        elif file.suffix == ".npz" and read_bytes(file) != read_bytes(made):
-            yield f"{name}: the motion came out otherwise"
-
-
-def _list_shadowed_assets(own: Path) -> Iterator[str]:
-    """What a run brings along in place of the library's: a run makes assets of its photo, and none by such a name."""
-    library = Library()
-    for file in sorted(own.rglob("*")):
-        name = file.relative_to(own).as_posix()
-        if file.is_file() and name in library:
-            yield f"assets/{name}: it stands in place of the library's asset of that name"
-
-
-def _list_differences(recorded: Any, recomputed: Any, where: str) -> Iterator[str]:
-    """One line for each value that differs between two JSON values, with its place."""
+def _list_differences(recorded: Any, recomputed: Any, path: str) -> Iterator[str]:
+    """A line for each differing value of two JSON values, with its path."""
     if isinstance(recorded, dict) and isinstance(recomputed, dict):
         before, now = cast("dict[str, Any]", recorded), cast("dict[str, Any]", recomputed)
         for key in dict.fromkeys((*before, *now)):
-            yield from _list_differences(before.get(key), now.get(key), f"{where} {key}")
+            yield from _list_differences(before.get(key), now.get(key), f"{path} {key}")
     elif isinstance(recorded, list) and isinstance(recomputed, list):
-        items, others = _index_by_key(cast("list[Any]", recorded)), _index_by_key(cast("list[Any]", recomputed))
-        for key in dict.fromkeys((*items, *others)):
-            yield from _list_differences(items.get(key), others.get(key), f"{where} {key}")
-    elif json.dumps(recorded) != json.dumps(recomputed):  # which tells 1 from True
-        yield f"{where}: recorded {_format_shortened_value(recorded)}, recomputed {_format_shortened_value(recomputed)}"
+        before, now = _index_by_key(cast("list[Any]", recorded)), _index_by_key(cast("list[Any]", recomputed))
+        for key in dict.fromkeys((*before, *now)):
+            yield from _list_differences(before.get(key), now.get(key), f"{path} {key}")
+    elif json.dumps(recorded) != json.dumps(recomputed):  # distinguishes 1 from True
+        yield f"{path}: recorded {_format_shortened_value(recorded)}, recomputed {_format_shortened_value(recomputed)}"
 
 
 def _index_by_key(items: Sequence[Any]) -> dict[str, Any]:
-    """The items by what tells them from each other, else by their number."""
+    """The items by their identifying field, else by their position."""
     keyed: dict[str, Any] = {}
     for number, item in enumerate(items):
         fields = cast("dict[str, Any]", item) if isinstance(item, dict) else {}
@@ -187,4 +179,4 @@ def _index_by_key(items: Sequence[Any]) -> dict[str, Any]:
 
 def _format_shortened_value(value: Any) -> str:
     text = "nothing" if value is None else json.dumps(value, ensure_ascii=False)
-    return text if len(text) <= _MOST_WORDS else f"{text[:_MOST_WORDS]}..."
+    return text if len(text) <= _MAX_VALUE else f"{text[:_MAX_VALUE]}..."

@@ -1,1 +1,1 @@
-"""Servers: the graphs for LangGraph's own server, and what agents of others call over the Model Context Protocol."""
+"""Servers: the graphs for LangGraph's server, and tools for the Model Context Protocol."""

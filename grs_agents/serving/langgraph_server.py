@@ -1,11 +1,10 @@
-"""The graphs as LangGraph's own server and clients meet them: ``langgraph dev`` reads them from ``langgraph.json``.
+"""The graphs for LangGraph's server and clients: ``langgraph dev`` loads them as listed in ``langgraph.json``.
 
-A request names the scene, and each node's changes stream back; what the run leaves behind is a run folder like any
-other's. Settings come from ``GRS_*`` variables and from the request.
+A request names the scene, and each node's changes stream back; the run leaves an ordinary run folder. Settings
+come from ``GRS_*`` variables and from the request.
 """
 
-from collections.abc import Generator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,45 +16,29 @@ from langgraph.graph import END, START, StateGraph
 from grs_agents.base.config.load import EffectiveConfig, load_config
 from grs_agents.base.errors import InputError
 from grs_agents.base.trace.log import EventLog
-from grs_agents.graph.state import RunState
+from grs_agents.graph.state import RunState, parse_state, state_as_json
 from grs_agents.perception.reading.scene_source import resolve_scene_path
-from grs_agents.runs.execution import Views, execute_run
+from grs_agents.runs.execution import execute_run
 from grs_agents.runs.graph_loading import load_graph
-from grs_agents.runs.run_opening import GIVEN, Order
+from grs_agents.runs.run_opening import GIVEN, RunOrder
 from grs_agents.views.live_views import attach_live_views
 
 
-class Answer(RunState):
-    """The state that a run ended in, and where the rest of it lies."""
+class ServedRunState(RunState):
+    """The final state of a run, with its folder."""
 
     folder: str  # the run folder, for `grs show`, `grs report` and `grs replay`
 
 
 _waiting: dict[str, tuple[Path, EffectiveConfig]] = {}
-"""Folder and configuration of each run that waits for a reply, by the server's thread that it belongs to."""
+"""Folder and configuration of each run that waits for a reply, by the server's thread id."""
 
 
-@contextmanager
-def _remember_waiting_run(thread: str, config: EffectiveConfig) -> Generator[Views]:
-    """The live views; the folder of a run that asks a person is kept for when its thread goes on."""
-    folders: list[Path] = []
+def build_served_graph(name: str) -> StateGraph[ServedRunState, None, RunState, ServedRunState]:
+    """The graph ``name`` with the services of ``grs run``: sandbox, models, event log, recording.
 
-    def attach_views_and_note_folder(folder: Path, log: EventLog) -> AbstractContextManager[None]:
-        folders.append(folder)
-        return attach_live_views(folder, log)
-
-    try:
-        yield attach_views_and_note_folder
-    except GraphInterrupt:
-        _waiting[thread] = folders[-1], config
-        raise
-
-
-def build_served_graph(name: str) -> StateGraph[Answer, None, RunState, Answer]:
-    """The graph ``name`` with all that ``grs run`` gives it: sandbox, models, event log, recording.
-
-    The request's state has ``scene_path`` and what else the graph needs; its ``configurable`` may have ``set``, a list
-    of settings as ``--set`` takes them.
+    The request's state has ``scene_path`` and the other inputs of the graph; its ``configurable`` may have
+    ``set``, a list of settings as for ``--set``.
     """
 
     def run(state: RunState, config: RunnableConfig) -> dict[str, Any]:
@@ -66,19 +49,28 @@ def build_served_graph(name: str) -> StateGraph[Answer, None, RunState, Answer]:
         scene = resolve_scene_path(Path(state["scene_path"]))
         thread = str(config.get("configurable", {}).get("thread_id", ""))
         waiting = _waiting.pop(thread, None)
-        given = {key: value for key, value in state.items() if key not in GIVEN}
+        given = dict(parse_state({key: value for key, value in state.items() if key not in GIVEN}))
         command = "run" if getattr(load_graph(name), "VERDICT", True) else "scene"
-        order = Order(command, scene, load_config(None, settings), given=given, nested=True)
+        order = RunOrder(command, scene, load_config(None, settings), given=given, nested=True)
         if waiting is not None:
             folder, config_before = waiting
             order = replace(order, out=folder, resume=True, config=config_before)
-        with _remember_waiting_run(thread, order.config) as views:
-            ended = execute_run(order, views)
+        folders: list[Path] = []
+
+        def attach_views(folder: Path, log: EventLog) -> AbstractContextManager[None]:
+            folders.append(folder)
+            return attach_live_views(folder, log)
+
+        try:
+            ended = execute_run(order, attach_views)
+        except GraphInterrupt:
+            _waiting[thread] = folders[-1], order.config
+            raise
         if ended.problem is not None:
             raise ended.problem
-        return {**ended.state, "folder": str(ended.folder)}
+        return {**state_as_json(ended.state), "folder": str(ended.folder)}
 
-    graph = StateGraph(Answer, input_schema=RunState, output_schema=Answer)
+    graph = StateGraph(ServedRunState, input_schema=RunState, output_schema=ServedRunState)
     graph.add_node(name, run)
     graph.add_edge(START, name)
     graph.add_edge(name, END)

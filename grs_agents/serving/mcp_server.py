@@ -1,6 +1,6 @@
-"""GRS as a server of the Model Context Protocol: agents comprehend photos, check programs and look at runs.
+"""GRS as a server of the Model Context Protocol: agents comprehend photos, check programs and inspect runs.
 
-It talks on stdio, or over HTTP on 127.0.0.1 alone. Programs run in the sandbox, as everywhere.
+It serves on stdio, or over HTTP on 127.0.0.1 only. Programs run in the sandbox.
 """
 
 import asyncio
@@ -21,17 +21,17 @@ from pydantic import Field, ValidationError
 from grs_agents.api import Run, RunStream
 from grs_agents.base import content, interrupts
 from grs_agents.base.config.load import EffectiveConfig, change_config
+from grs_agents.base.control_characters import escape_control_chars
 from grs_agents.base.errors import GrsError, InputError
 from grs_agents.base.files import check_path_name, convert_system_error, write_text
 from grs_agents.base.foreign.files import is_folder, list_folder_names, read_bytes, read_text
 from grs_agents.base.foreign.run_folder import resolve_member_file
-from grs_agents.base.terminal.control_characters import escape_control_chars
 from grs_agents.base.version import __version__
 from grs_agents.perception.reading.scene_source import resolve_scene_path
 from grs_agents.runs.graph_loading import load_graph
 from grs_agents.runs.program_check import check_user_program, open_check_order
 from grs_agents.runs.record import read_record
-from grs_agents.runs.run_opening import RUNS, Order
+from grs_agents.runs.run_opening import RUNS, RunOrder
 from grs_agents.runs.sandbox_setup import open_sandbox
 from grs_agents.sandbox.host.sandbox import Sandbox
 from grs_agents.sim.instance.task_instance import TaskInstance
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from mcp.server.mcpserver import MCPServer
 
 _MOST_BYTES = 1 << 23
-"""Of a file that is sent to a client, in bytes; the events of the sample run have 1 MB."""
+"""Largest file sent to a client, bytes; the events of the sample run take 1 MB."""
 _INSTRUCTIONS = """GRS turns a photo with depth of a table into a simulated robot task that an oracle has solved.
 `scene` finds the objects of a photo. Write a simulation program of a task with them (a subclass of CLIPort's Task) and
 `check` it; or let `run` make the task, its program and its tests, which takes minutes. `rollout`, `render` and `show`
@@ -54,7 +54,7 @@ look at a run. The resource grs://runs lists the runs; grs://prompts/NAME is a p
 frame: x forward, y left, z up from the table top."""
 
 _PATHS = frozenset({"photo", "folder", "scene"})
-"""Arguments that name something on the disk."""
+"""Arguments that are paths."""
 Photo = Annotated[
     str, Field(description="A folder with rgb.png, depth.png and camera.json, an .npz file, or a shipped scene's name.")
 ]
@@ -70,7 +70,7 @@ Step = Annotated[int | None, Field(description="The number of one step, to be sh
 
 @dataclass(frozen=True)
 class GrsTools:
-    """What the server offers. Each raises GrsError, whose text goes to the client."""
+    """The tools of the server. Each raises GrsError, whose text is sent to the client."""
 
     chosen: EffectiveConfig  # of the server's command line
     sandbox: Sandbox  # shared by all calls, so that MuJoCo is imported once
@@ -78,8 +78,8 @@ class GrsTools:
     def scene(self, photo: Photo) -> dict[str, Any]:
         """Comprehend a photo with depth: its objects with sizes and positions in metres, and a run folder."""
         config = replace(self.chosen, config=change_config(self.chosen.config, graph="scene"))
-        seen = RunStream(Order("scene", resolve_scene_path(Path(photo)), config)).wait()
-        return {"folder": str(seen.folder), **seen.scene.model_dump(mode="json", include={"objects", "warnings"})}
+        run = RunStream(RunOrder("scene", resolve_scene_path(Path(photo)), config)).wait()
+        return {"folder": str(run.folder), **run.scene.model_dump(mode="json", include={"objects", "warnings"})}
 
     def check(self, simulation: Source, tests: Tests = None, scene: Scene = None) -> dict[str, Any]:
         """Check a simulation program in the sandbox: its tests, then the audit, in which the oracle solves it."""
@@ -88,11 +88,11 @@ class GrsTools:
             suite = None if tests is None else write_text(Path(folder) / "test_task_code.py", tests)
             photo, views = None if scene is None else Path(scene), partial(attach_live_views, progress=False)
             with open_check_order(program, suite, None, photo, self.chosen, views) as order:
-                found = check_user_program(order)
+                result = check_user_program(order)
         return {
-            "accepted": found.accepted,
-            "tests": found.tests and found.tests.model_dump(mode="json"),
-            "audit": found.audit.model_dump(mode="json", include={"accepted", "findings", "rewards"}),
+            "accepted": result.accepted,
+            "tests": result.tests and result.tests.model_dump(mode="json"),
+            "audit": result.audit.model_dump(mode="json", include={"accepted", "findings", "rewards"}),
         }
 
     def rollout(self, folder: Folder, seed: Seed) -> dict[str, Any]:
@@ -108,27 +108,27 @@ class GrsTools:
         with tempfile.TemporaryDirectory(prefix="grs-mcp-") as temporary:
             output = Path(temporary) / "picture.png"
             request = {"instance": instance.model_dump(mode="json"), "library_roots": roots, "moment": moment}
-            drawn = self._call_tool_by_name("render", output=str(output), **request)
-            if drawn["image"] is None:
-                raise GrsError(f"seed {seed} of {folder} cannot be drawn: {drawn['error']}", "see it with `rollout`")
+            result = self._call_tool_by_name("render", output=str(output), **request)
+            if result["image"] is None:
+                raise GrsError(f"seed {seed} of {folder} cannot be drawn: {result['error']}", "see it with `rollout`")
             return Image(data=output.read_bytes(), format="png")
 
     def show(self, folder: Folder, step: Step = None) -> dict[str, Any]:
         """Show a run: its record, its seeds, and its steps; or one step with prompts, replies and changes."""
-        shown = Run(folder)
-        steps = group_events_into_steps(shown.events)
+        run = Run(folder)
+        steps = group_events_into_steps(run.events)
         if step is not None:
-            one = find_step_by_number(steps, step)
-            sections = {part.heading: part.text for part in iter_step_sections(one)}
-            return {**step_to_dict(one), "sections": sections}
-        record = shown.record.model_dump(mode="json", exclude={"config", "versions"})
-        return {"run": record, "steps": [step_to_dict(one) for one in steps]}
+            selected = find_step_by_number(steps, step)
+            sections = {section.heading: section.text for section in iter_step_sections(selected)}
+            return {**step_to_dict(selected), "sections": sections}
+        record = run.record.model_dump(mode="json", exclude={"config", "versions"})
+        return {"run": record, "steps": [step_to_dict(item) for item in steps]}
 
-    def _call_tool_by_name(self, tool: str, **request: Any) -> dict[str, Any]:
-        called = load_tool(tool)
+    def _call_tool_by_name(self, name: str, **request: Any) -> dict[str, Any]:
+        tool = load_tool(name)
         library = open_library(request["library_roots"])
         context = ToolContext(sandbox=self.sandbox, library=library, limits=self.chosen.config.limits)
-        return called.run(called.Request(**request), context).model_dump(mode="json")
+        return tool.run(tool.Request(**request), context).model_dump(mode="json")
 
 
 def _read_instance(folder: str, seed: int) -> tuple[TaskInstance, tuple[str, ...]]:
@@ -172,7 +172,7 @@ def read_prompt(name: str) -> str:
 
 
 def _describe_error(error: BaseException) -> str:
-    """An error for the client, in one line. Raises the error itself: it is none of the user's."""
+    """Text of a user's error for the client. Raises the error itself if it is internal."""
     refused = convert_system_error(error) if isinstance(error, OSError) else error
     if refused is None:
         raise error
@@ -180,8 +180,7 @@ def _describe_error(error: BaseException) -> str:
 
 
 def _convert_grs_errors_to_tool_errors(tool: Callable[..., Any]) -> Callable[..., Any]:
-    """The tool, whose GrsError is told to the client, as is what the system says of a path; the protocol's package
-    keeps all other errors to itself."""
+    """Send GrsError and file system errors to the client, since the package mcp hides the text of all other errors."""
     from mcp.server.mcpserver.exceptions import ToolError
 
     @wraps(tool)
@@ -210,7 +209,7 @@ def _convert_grs_errors_to_resource_errors(read: Callable[..., Any]) -> Callable
 
 
 def build_mcp_server(chosen: EffectiveConfig) -> "MCPServer":
-    """The server, whose sandbox is warm while it runs. Raises InputError: the package mcp is not installed."""
+    """The server, with a warm sandbox while it runs. Raises InputError: the package mcp is not installed."""
     try:
         import anyio
         from mcp.server.mcpserver import Context, MCPServer
@@ -221,13 +220,13 @@ def build_mcp_server(chosen: EffectiveConfig) -> "MCPServer":
     sandbox = open_sandbox(chosen.config)
 
     class GrsServer(MCPServer):
-        """A server that a signal ends while it waits for its client, and that refuses arguments in one line."""
+        """A server that signals can end while it reads, and that reports invalid arguments in a single line."""
 
         async def run_stdio_async(self) -> None:
-            # The package reads in a thread, which nothing ends before the client does.
+            # The package's reader thread ends only with the client, so requests are read here.
             requests, replies = os.dup(0), os.dup(1)
-            with Path(os.devnull).open("rb") as nothing:
-                os.dup2(nothing.fileno(), 0)
+            with Path(os.devnull).open("rb") as null:
+                os.dup2(null.fileno(), 0)
             os.dup2(2, 1)  # only replies go to the client
             lower, out = self._lowlevel_server, anyio.wrap_file(os.fdopen(replies, "w", encoding="utf-8"))
             serving, signals = asyncio.current_task(), list[int]()
@@ -237,7 +236,7 @@ def build_mcp_server(chosen: EffectiveConfig) -> "MCPServer":
                 interrupts.request_interrupt()
                 cast("asyncio.Task[None]", serving).cancel()
 
-            # An exception raised inside the event loop would reach whatever callback runs then, and be logged by it.
+            # An exception raised by a signal handler would surface in an arbitrary callback of the event loop.
             for number in (signal.SIGINT, signal.SIGTERM):
                 if signal.getsignal(number) is not signal.SIG_IGN:
                     with suppress(NotImplementedError):  # Windows
@@ -256,8 +255,8 @@ def build_mcp_server(chosen: EffectiveConfig) -> "MCPServer":
             except ToolError as error:
                 if not isinstance(error.__cause__, ValidationError):
                     raise
-                wrong = (f"{'.'.join(map(str, item['loc']))}: {item['msg']}" for item in error.__cause__.errors())
-                raise ToolError(f"{name}: {'; '.join(wrong)}") from error.__cause__
+                problems = (f"{'.'.join(map(str, item['loc']))}: {item['msg']}" for item in error.__cause__.errors())
+                raise ToolError(f"{name}: {'; '.join(problems)}") from error.__cause__
 
     @asynccontextmanager
     async def live(_: Any) -> AsyncGenerator[None]:
@@ -274,21 +273,21 @@ def build_mcp_server(chosen: EffectiveConfig) -> "MCPServer":
             check_path_name(photo, "photo")
             config = chosen if seed is None else replace(chosen, config=change_config(chosen.config, seed=seed))
             command = "run" if getattr(load_graph(config.config.graph), "VERDICT", True) else "scene"
-            going = RunStream(Order(command, resolve_scene_path(Path(photo)), config))
+            stream = RunStream(RunOrder(command, resolve_scene_path(Path(photo)), config))
             try:
                 for number in count(1):
-                    if (node := await anyio.to_thread.run_sync(_await_node_start, going)) is None:
+                    if (node := await anyio.to_thread.run_sync(_await_node_start, stream)) is None:
                         break
                     await context.report_progress(number, message=node)
             finally:  # a client that cancels or leaves ends its run
                 with anyio.CancelScope(shield=True):
-                    await anyio.to_thread.run_sync(going.stop)
-            ended = going.wait()
+                    await anyio.to_thread.run_sync(stream.stop)
+            run = stream.wait()
         except (GrsError, KeyboardInterrupt, OSError) as error:
             raise ToolError(_describe_error(error)) from error
-        record = ended.record.model_dump(mode="json", include={"status", "reason", "question", "rewards", "counts"})
-        task = ended.task.model_dump(mode="json") if (ended.folder / "task.json").is_file() else None
-        return {"folder": str(ended.folder), **record, "task": task}
+        record = run.record.model_dump(mode="json", include={"status", "reason", "question", "rewards", "counts"})
+        task = run.task.model_dump(mode="json") if (run.folder / "task.json").is_file() else None
+        return {"folder": str(run.folder), **record, "task": task}
 
     tools = GrsTools(chosen, sandbox)
     server = GrsServer("grs", instructions=_INSTRUCTIONS, version=__version__, lifespan=live, log_level="WARNING")
@@ -305,14 +304,14 @@ def build_mcp_server(chosen: EffectiveConfig) -> "MCPServer":
         server.resource(uri, mime_type=kind)(_convert_grs_errors_to_resource_errors(read))
     for name in content.content_names("prompts"):
         about = f"The prompt {name}, as a model is asked with it."
-        read_it = partial(read_prompt, name)
-        server.resource(f"grs://prompts/{name}", name=name, description=about, mime_type="text/markdown")(read_it)
+        resource = server.resource(f"grs://prompts/{name}", name=name, description=about, mime_type="text/markdown")
+        resource(partial(read_prompt, name))
     return server
 
 
-def _await_node_start(going: RunStream) -> str | None:
-    """The name of the next node that starts; None at the end of the run."""
-    return next((event.node for event in going if event.kind == "node_started"), None)
+def _await_node_start(stream: RunStream) -> str | None:
+    """Block until a node starts. Returns: its name; None at the end of the run."""
+    return next((event.node for event in stream if event.kind == "node_started"), None)
 
 
 def serve_mcp(chosen: EffectiveConfig, port: int | None) -> None:
@@ -333,7 +332,7 @@ def serve_mcp(chosen: EffectiveConfig, port: int | None) -> None:
 
 
 async def _read_lines(descriptor: int) -> AsyncGenerator[str]:
-    """The lines that a client writes. Once it has left, its runs end before their next step."""
+    """Lines of the client. When it leaves, its runs are interrupted before their next step."""
     import anyio
 
     rest = b""
@@ -351,6 +350,6 @@ async def _read_lines(descriptor: int) -> AsyncGenerator[str]:
 
 
 def list_mcp_tools(chosen: EffectiveConfig) -> list[dict[str, Any]]:
-    """The tools that are served, each with its description and the schemas of what it takes and gives."""
+    """The served tools, each with its description and its input and output schemas."""
     tools = asyncio.run(build_mcp_server(chosen).list_tools())
     return [tool.model_dump(mode="json", exclude_none=True) for tool in tools]

@@ -4,7 +4,9 @@ from grs_agents.sim.arms.ur5e import NEAREST, REACH
 from grs_agents.sim.cliport import pybullet as p
 from grs_agents.sim.cliport import utils
 from grs_agents.sim.cliport.api_documentation import api_reference
-from grs_agents.sim.cliport.environment import Environment
+from grs_agents.sim.cliport.environment import Environment, rollout
+from grs_agents.sim.cliport.instantiation import instantiate
+from grs_agents.sim.cliport.probing import EpisodeMemory, EpisodeReplay, Probe
 from grs_agents.sim.cliport.task import Task, defines_task_class, find_task_class
 from grs_agents.sim.expert.oracle import Oracle
 from grs_agents.sim.goals.contacts import Overlap, Support
@@ -34,13 +36,12 @@ from grs_agents.sim.instance.task_instance import (
     hash_instance,
     parse_instance_json,
 )
-from grs_agents.sim.instantiation import instantiate
 from grs_agents.sim.pick_trials import explain_unpickable_objects, find_objects_overlapping_robot
-from grs_agents.sim.probing import EpisodeMemory, EpisodeReplay, Probe
-from grs_agents.sim.rollouts import HAND_NOISE, InstanceTask, NoisyTrial, Rollout, rollout, run_oracle
+from grs_agents.sim.rollouts import HAND_NOISE, NoisyTrial, Rollout, run_oracle
+from grs_agents.sim.tabletop_episode import InstanceTask
 from grs_agents.sim.world.budget import describe_reached_limit, latest_limit_error, reset_before_test
 from grs_agents.sim.world.bystanders import place_bystanders
-from grs_agents.sim.world.templates import prepare_process, set_environment_defaults
+from grs_agents.sim.world.context import prepare_process, set_environment_defaults
 
 __all__ = [
     "HAND_NOISE",

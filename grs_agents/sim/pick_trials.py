@@ -1,56 +1,54 @@
-"""Which objects of a scene the robot can pick where they stand: it tries each of them, from the same state."""
+"""Trial picks: tells which objects of a scene the robot can pick where they stand, trying each from the same state."""
 
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from grs_agents.base.geometry import transforms
-from grs_agents.sim.cliport.environment import Environment
 from grs_agents.sim.expert.oracle import Oracle
-from grs_agents.sim.goals.scene_view import SceneView, carried_object_ids
+from grs_agents.sim.goals.planning_scene import PlanningScene, carried_object_ids
+from grs_agents.sim.goals.task_accounting import ScoredTask
 from grs_agents.sim.instance.episode import Stop
-from grs_agents.sim.motion.pick_place import PickPlace
+from grs_agents.sim.motion.pick_place import PickPlaceMotion
+from grs_agents.sim.tabletop import TabletopSim
 from grs_agents.sim.world.footprints import margins_inside_outline
 
 _LIFT: Final = 0.1
-"""Metres: on the way up what is too heavy, or held beside its middle, tips off the cup."""
+"""Height of a trial lift, metres: objects too heavy, or held beside their middle, tip off the cup on the way up."""
 
 
-def explain_unpickable_objects(env: Environment) -> dict[int, str]:
-    """Why the robot cannot pick an object and lift it where it stands now, by id; those that it can are left out.
+def explain_unpickable_objects(sim: TabletopSim, task: ScoredTask) -> dict[int, str]:
+    """Reasons why the robot cannot pick and lift objects, by object id; pickable objects are left out.
 
-    Objects are named ``asset #id``, as in episodes. What is fixed is no object to pick. The scene is as before
-    afterwards.
+    Objects are named ``asset #id``, as in episodes; fixed ones are not tried. The scene is restored afterwards.
     """
-    if env.task is None:
-        return {}
-    oracle, view, saved = Oracle(env.task, env), SceneView(env, (), ()), env.physics.save_state()
-    loose = [number for number in view.object_ids if env.is_object_movable(number)]
-    reasons = {number: _try_pick_and_explain_failure(number, oracle, view, env, saved) for number in loose}
-    return {number: why for number, why in reasons.items() if why}
+    oracle, view, saved = Oracle(task, sim), PlanningScene(sim, (), ()), sim.physics.save_state()
+    labels, reasons = sim.object_labels, dict[int, str]()
+    for number in view.object_ids:
+        if not sim.is_object_movable(number):
+            continue
+        if carried := carried_object_ids(number, view):
+            reasons[number] = f"it carries {' and '.join(labels[other] for other in carried)}"
+            continue
+        point = oracle.find_pick_point(number, view)
+        if isinstance(point, Stop):
+            reasons[number] = point.detail
+        elif not isinstance(point, tuple):
+            reasons[number] = f"{labels[point.blocker]} covers it"
+        else:
+            hand = PickPlaceMotion(sim.physics, sim.collider_prisms, labels)
+            lifted = hand.pick_and_lift((point, transforms.IDENTITY), _LIFT)
+            sim.physics.cup.release()
+            sim.physics.restore_state(saved)
+            if not lifted.placed or lifted.grasped != number:
+                reasons[number] = lifted.note
+    return {number: reason for number, reason in reasons.items() if reason}
 
 
-def _try_pick_and_explain_failure(number: int, oracle: Oracle, view: SceneView, env: Environment, saved: Any) -> str:
-    """What goes wrong, empty if nothing does; the state that was ``saved`` is that of the scene again."""
-    labels = env.object_labels
-    if carried := carried_object_ids(number, view):
-        return f"it carries {' and '.join(labels[other] for other in carried)}"
-    point = oracle.find_pick_point(number, view)
-    if isinstance(point, Stop):
-        return point.detail
-    if not isinstance(point, tuple):
-        return f"{labels[point.blocker]} covers it"
-    hand = PickPlace(env.physics, env.collider_prisms, labels)
-    lifted = hand.pick_and_lift((point, transforms.IDENTITY), _LIFT)
-    env.physics.cup.release()
-    env.physics.restore_state(saved)
-    return "" if lifted.placed and lifted.grasped == number else lifted.note
-
-
-def find_objects_overlapping_robot(env: Environment) -> set[int]:
+def find_objects_overlapping_robot(sim: TabletopSim) -> set[int]:
     """Ids of the objects that the robot touches before it has moved, or that its base stands in the middle of."""
-    base = np.zeros((1, 2))  # what is fixed has no contacts with it
+    base = np.zeros((1, 2))  # fixed objects have no contacts with it
     around = {
-        prism.owner for prism in env.collider_prisms() if margins_inside_outline(base, prism.outline, base)[0] >= 0
+        prism.owner for prism in sim.collider_prisms() if margins_inside_outline(base, prism.outline, base)[0] >= 0
     }
-    return env.physics.unheld_objects_touching_robot() | around
+    return sim.physics.unheld_objects_touching_robot() | around

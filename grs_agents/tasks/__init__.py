@@ -1,1 +1,1 @@
-"""What a user does with an accepted task: environments, demonstrations, exports, variations, grades."""
+"""Uses of an accepted task: environments, demonstrations, exports, variations, grades."""

@@ -1,7 +1,7 @@
-"""A folder that holds a task as data: a run, or the instances that ``grs instances`` made of one.
+"""Task folders: a run, or the varied instances of ``grs instances``.
 
-Both have ``instances/seed_<N>.json`` and, for assets of their own, ``assets/``, for an arm of their own ``robot/``. No
-generated code is in either's way.
+Both have ``instances/seed_<N>.json``, and ``assets/`` and ``robot/`` if they bring assets or an arm. No generated code
+is needed to use them.
 """
 
 import os
@@ -24,15 +24,15 @@ from grs_agents.sim.instance.task_instance import TaskInstance, parse_instance_j
 _REMEDY = "name a folder that `grs run` or `grs instances` wrote"
 _ASSETS = "assets"
 DATASET_FILE = "grs.json"
-"""What a data set says of itself, in its folder."""
+"""File with the card of a data set, in its folder."""
 _DEPTH = 4
-"""Folders from a file of a data set up to the data set's own, at most: Minari's lie deepest."""
+"""Most levels from a file of a data set up to its folder: Minari's lie deepest."""
 _INSTANCE_FILE = re.compile(r"seed_(\d{1,10})\.json")
 
 
 @dataclass(frozen=True)
 class TaskFolder:
-    """Task instances by seed, with the library that has their assets."""
+    """Task instances by seed, with the library of their assets."""
 
     path: Path
     library: Library
@@ -40,7 +40,7 @@ class TaskFolder:
 
     @property
     def seeds(self) -> tuple[int, ...]:
-        """The seeds that have an instance, ascending."""
+        """Seeds of the instances, ascending."""
         return tuple(self.files)
 
     def read_instance(self, seed: int) -> TaskInstance:
@@ -50,7 +50,7 @@ class TaskFolder:
         return resolve_robot_path(parse_instance_json(read_bytes(self.files[seed], _REMEDY)), self.path)
 
     def copy_assets_and_robot(self, out: Path) -> None:
-        """Copy what instances name of the folder itself into another one: assets, and the files of an arm."""
+        """Copy the folder's own assets and arm into another folder."""
         for name in (_ASSETS, ROBOT_FOLDER):
             if (self.path / name).is_dir():
                 copy_folder(self.path / name, out / name)
@@ -78,26 +78,32 @@ def open_task_folder(path: Path, accepted: bool = True) -> TaskFolder:
     found = {int(match[1]): file for file in files if (match := _INSTANCE_FILE.fullmatch(file.name))}
     if not found:
         raise InputError(f"{path} holds no task instances", _REMEDY)
-    library, own = Library(), path / _ASSETS
+    library, assets = Library(), path / _ASSETS
     return TaskFolder(
-        path, library.copy_with_overlay_root(own) if own.is_dir() else library, dict(sorted(found.items()))
+        path, library.copy_with_overlay_root(assets) if assets.is_dir() else library, dict(sorted(found.items()))
     )
 
 
 def find_dataset_folder(folder: Path, identity: str) -> Path:
-    """The folder of the data set ``identity``: ``folder``, or, where the data set was moved, the one that is known.
+    """The folder of the data set ``identity``: ``folder``, or its present folder if the data set was moved.
 
-    A file of a data set cannot tell an environment where it lies. The folders that are known are those above the files
-    that the command line names, that of ``MINARI_DATASETS_PATH``, and the current one.
+    A file of a data set does not know its path. Candidates are the folders above files named on the command line, that
+    of ``MINARI_DATASETS_PATH``, and the current folder.
 
     Raises:
-        InputError: none of them is the data set.
+        InputError: no candidate is the data set.
     """
     if folder.is_dir() and not (folder / DATASET_FILE).exists():  # the user names another task folder
         return folder
     named = [Path(part) for argument in sys.argv[1:] for part in (argument, argument.partition("=")[2]) if part]
     named += [Path(os.environ[name]) for name in ("MINARI_DATASETS_PATH",) if os.environ.get(name)]
-    near = [each for path in named if _is_there(path) for each in (path.resolve(), *path.resolve().parents[:_DEPTH])]
+    near: list[Path] = []
+    for path in named:
+        try:
+            if path.exists():
+                near += [path.resolve(), *path.resolve().parents[:_DEPTH]]
+        except (OSError, ValueError):  # an argument that is no path
+            continue
     for candidate in (folder, *near, Path.cwd()):
         if _read_dataset_identity(candidate) == identity:
             return candidate
@@ -107,15 +113,8 @@ def find_dataset_folder(folder: Path, identity: str) -> Path:
     )
 
 
-def _is_there(path: Path) -> bool:
-    try:
-        return path.exists()
-    except (OSError, ValueError):  # an argument that is no path
-        return False
-
-
 def _read_dataset_identity(folder: Path) -> str:
-    """What the data set in a folder calls itself; empty where there is none."""
+    """Id of the data set in a folder; empty without a data set."""
     file = folder / DATASET_FILE
     if not file.is_file():
         return ""

@@ -1,7 +1,6 @@
-"""More instances of an accepted task: each a variation of one of the run's own, and solved by the expert.
+"""Varied instances of an accepted task: variations of the run's instances that the expert solves.
 
-They are written as the run has its own, so that whatever takes a run takes the folder too; nothing of the program is
-needed for it.
+They have the format of a run's instances, so that the folder can be used like a run; the program is not needed.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,6 +15,7 @@ from grs_agents.base.errors import GrsError, InputError
 from grs_agents.base.files import write_json
 from grs_agents.base.foreign.files import read_json
 from grs_agents.base.foreign.run_folder import check_run_folder
+from grs_agents.sim.goals.scores import SOLVED
 from grs_agents.sim.instance.robot_file import make_robot_path_relative
 from grs_agents.sim.instance.task_instance import hash_instance
 from grs_agents.sim.rollouts import rollout
@@ -25,33 +25,31 @@ from grs_agents.tasks.task_folder import TaskFolder, open_task_folder
 from grs_agents.tasks.worker_pool import map_in_processes
 
 MANIFEST: Final = "manifest.json"
-SOLVED: Final = 0.99
-"""Published and strict score from which on an instance counts as solved, as in the audit of a run."""
 _REMEDY: Final = "name another folder with --out"
 
 
 class Base(Frozen):
-    """An instance of the run that others are variations of."""
+    """An instance of the run, the base of variations."""
 
     seed: int
     hash: str  # see ``sim.hash_instance``
 
 
 class VariedInstance(Frozen):
-    """One varied instance, and how the expert fared with it."""
+    """A varied instance, and the result of the expert's episode."""
 
-    seed: int  # of the variation; its file is ``instances/seed_<seed>.json`` where it is solved
+    seed: int  # of the variation; its file, if solved, is ``instances/seed_<seed>.json``
     base: int  # the run's seed that it is a variation of
-    hash: str = ""  # see ``sim.hash_instance``; empty where none could be drawn
+    hash: str = ""  # see ``sim.hash_instance``; empty if no instance could be drawn
     strict: float = 0.0  # strict score of the expert, 0..1
     published: float = 0.0
     solved: bool = False
     outcome: str = "error"  # of the expert's episode
-    detail: str = ""  # why it is not solved
+    detail: str = ""  # reason if not solved
 
 
-class Manifest(Frozen):
-    """What a folder of varied instances holds."""
+class VariationManifest(Frozen):
+    """Contents of a folder of varied instances."""
 
     version: int = 1
     run: str  # the name of the run's folder
@@ -62,14 +60,14 @@ class Manifest(Frozen):
 
     @property
     def seeds(self) -> frozenset[int]:
-        """Every seed that was tried."""
-        return frozenset(one.seed for one in (*self.instances, *self.left_out))
+        """Seeds that were tried."""
+        return frozenset(instance.seed for instance in (*self.instances, *self.left_out))
 
-    def with_added_instance(self, made: VariedInstance) -> "Manifest":
-        """The same with one more."""
-        key = "instances" if made.solved else "left_out"
-        rows: tuple[VariedInstance, ...] = (*getattr(self, key), made)
-        return self.model_copy(update={key: tuple(sorted(rows, key=lambda one: one.seed))})
+    def with_added_instance(self, added: VariedInstance) -> "VariationManifest":
+        """The manifest with another instance."""
+        key = "instances" if added.solved else "left_out"
+        rows: tuple[VariedInstance, ...] = (*getattr(self, key), added)
+        return self.model_copy(update={key: tuple(sorted(rows, key=lambda row: row.seed))})
 
 
 def make_varied_instances(
@@ -78,11 +76,11 @@ def make_varied_instances(
     variation: Variation,
     out: Path,
     workers: int = 2,
-    show: Callable[[Manifest], None] = lambda _: None,
-) -> Manifest:
+    show: Callable[[VariationManifest], None] = lambda _: None,
+) -> VariationManifest:
     """Make the instances of ``seeds`` that ``out`` lacks, and keep those that the expert solves.
 
-    ``show`` is told of each. What is there is kept, so that an interrupted call goes on where it ended.
+    ``show`` is called after each. Existing instances are kept, so that an interrupted call resumes.
 
     Raises:
         InputError: the run cannot be used, or ``out`` holds something else.
@@ -91,22 +89,22 @@ def make_varied_instances(
     manifest = _open_manifest(folder, variation, out)
     waiting = [seed for seed in dict.fromkeys(seeds) if seed not in manifest.seeds]
     show(manifest)
-    for made in map_in_processes(_make_varied_instance, waiting, workers, _set_job, (folder.path, variation, out)):
-        manifest = manifest.with_added_instance(made)
+    for varied in map_in_processes(_make_varied_instance, waiting, workers, _set_job, (folder.path, variation, out)):
+        manifest = manifest.with_added_instance(varied)
         write_json(out / MANIFEST, manifest.model_dump(mode="json"), durable=True)
         show(manifest)
     return manifest
 
 
-def _open_manifest(folder: TaskFolder, variation: Variation, out: Path) -> Manifest:
-    """The manifest in ``out``; a new one, with the run's own assets beside it, where the folder is new."""
+def _open_manifest(folder: TaskFolder, variation: Variation, out: Path) -> VariationManifest:
+    """The manifest in ``out``; for a new folder a new manifest, with the run's assets beside it."""
     if out.is_dir():
-        check_run_folder(out)  # what is begun may come from somebody else
+        check_run_folder(out)  # the folder may come from somebody else
     bases = tuple(Base(seed=seed, hash=hash_instance(folder.read_instance(seed))) for seed in folder.seeds)
-    begun = Manifest(run=folder.path.resolve().name, variation=variation, bases=bases)
+    begun = VariationManifest(run=folder.path.resolve().name, variation=variation, bases=bases)
     if (out / MANIFEST).is_file():
         try:
-            found = Manifest.model_validate(read_json(out / MANIFEST, _REMEDY))
+            found = VariationManifest.model_validate(read_json(out / MANIFEST, _REMEDY))
         except ValidationError as error:
             raise InputError(f"{out / MANIFEST} is no manifest of varied instances", _REMEDY) from error
         if (found.bases, found.variation) != (begun.bases, begun.variation):
@@ -128,7 +126,7 @@ def _set_job(run: Path, variation: Variation, out: Path) -> None:
 
 
 def _make_varied_instance(seed: int) -> VariedInstance:
-    """Draw one instance, let the expert solve it, and write it if that succeeds."""
+    """Draw an instance, let the expert solve it, and write it if solved."""
     folder, variation, out = _job[0]
     base = folder.seeds[seed % len(folder.seeds)]
     try:

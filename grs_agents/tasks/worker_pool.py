@@ -1,4 +1,4 @@
-"""The same work on many things, in processes of their own: what is done comes back as it is done."""
+"""Process pool: a function mapped over items, results in the order of completion."""
 
 import multiprocessing
 import os
@@ -24,13 +24,13 @@ def map_in_processes(
     begin: Callable[..., object],
     arguments: tuple[Any, ...] = (),
 ) -> Iterator[Result]:
-    """``work`` of each item, in no order; with one worker, in this process and in theirs.
+    """Results of ``work`` for each item, as they are completed; a single worker runs here, in the items' order.
 
-    ``work`` and ``begin`` are functions of a module; each process calls ``begin(*arguments)`` once, first. An
-    interruption ends it as soon as the items under way are done.
+    ``work`` and ``begin`` are module-level functions; each process calls ``begin(*arguments)`` once, first. After an
+    interruption the items under way are completed.
 
     Raises:
-        GrsError: a process was killed, as for want of memory. What ``work`` raises is passed on.
+        GrsError: a process was killed, e.g. for lack of memory. Errors of ``work`` are passed on.
     """
     if workers == 1 or len(items) < 2:
         begin(*arguments)
@@ -42,7 +42,7 @@ def map_in_processes(
 
 @contextmanager
 def _limit_workers_to_one_thread() -> Generator[None]:
-    """Processes that begin meanwhile leave threads of matrix products alone: there are as many of them as cores."""
+    """Let processes started meanwhile compute matrix products on a single thread: there is a process for each core."""
     before = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update(dict.fromkeys(_THREADS, "1"))
     try:

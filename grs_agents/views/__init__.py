@@ -1,2 +1,2 @@
-"""What people see of a run, made from its events. The rerun view is not imported here, since importing rerun is slow:
-use ``grs_agents.views.rerun.rerun_view`` (``RerunView``, ``rebuild``) where it is wanted."""
+"""Views of a run, made from its events. Import rerun's view from ``grs_agents.views.rerun.rerun_view`` (``RerunView``,
+``rebuild_rrd_file``) only on demand: importing rerun is slow."""

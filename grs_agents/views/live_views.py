@@ -1,4 +1,4 @@
-"""What people watch while a run goes on: progress in the terminal, the recording, a viewer, OpenTelemetry spans."""
+"""Live views of a run: progress in the terminal, the rerun recording, its viewer, OpenTelemetry spans."""
 
 import sys
 from collections.abc import Callable, Generator
@@ -9,15 +9,15 @@ from grs_agents.base.trace.events import Event, NodeEnded, RunEnded
 from grs_agents.base.trace.log import EventLog
 from grs_agents.library.library import Library
 from grs_agents.views.rerun.viewer import open_live_viewer
-from grs_agents.views.terminal import Progress
+from grs_agents.views.terminal import ProgressView
 
 
 @contextmanager
 def attach_live_views(
     folder: Path, log: EventLog, view: bool = False, otel: bool = False, progress: bool = True
 ) -> Generator[None]:
-    """Let recording and progress follow the log, with a viewer's window and OpenTelemetry spans if asked for.
-    All are closed whatever happens."""
+    """Subscribe recording and progress to the log, on request also a viewer's window and OpenTelemetry spans.
+    All are closed when the context ends, also after an error."""
     from grs_agents.views.rerun.rerun_view import RerunView
     from grs_agents.views.telemetry import SpanView, make_otlp_provider
 
@@ -26,7 +26,7 @@ def attach_live_views(
     recording = RerunView(folder, Library(), live)
     with ExitStack() as shown:
         if progress:
-            log.subscribe(_suppress_error_events(shown.enter_context(Progress())))
+            log.subscribe(_suppress_error_events(shown.enter_context(ProgressView())))
         log.subscribe(recording)
         if spans:
             log.subscribe(spans)
@@ -39,7 +39,8 @@ def attach_live_views(
 
 
 def _suppress_error_events(progress: Callable[[Event], None]) -> Callable[[Event], None]:
-    """An error is said once, at the end: a live table marks the node that failed, lines leave it out."""
+    """Leave errors out of the progress, since the command reports them at its end; the live table marks the failed
+    node."""
     live = sys.stderr.isatty()
 
     def show_unless_error(event: Event) -> None:

@@ -1,6 +1,6 @@
-"""A run as OpenTelemetry spans with the semantic conventions for generative AI (attributes ``gen_ai.*``).
-Any backend that speaks OTLP shows the same tree: the run, its nodes, and in each node its model calls, tools and
-decisions. Spans are made from events, live or later, with the events' own times."""
+"""A run as OpenTelemetry spans with the semantic conventions for generative AI (attributes ``gen_ai.*``). Any OTLP
+backend shows the same tree: the run, its nodes, and in each node its model calls, tools and decisions. Spans are
+made from events, live or later, with the timestamps of the events."""
 
 import importlib
 import json
@@ -30,12 +30,11 @@ _PROVIDERS = {
     "offline": "grs",
     "xai": "x_ai",
 }
-"""OpenTelemetry's names, where they are not ours."""
-_SCOPE = "grs_agents"
+"""OpenTelemetry's provider names that differ from LangChain's."""
 
 
 def make_otlp_provider() -> Any:
-    """A tracer provider that sends spans over OTLP/HTTP to where the standard ``OTEL_*`` variables say."""
+    """A tracer provider that exports over OTLP/HTTP to the endpoint of the standard ``OTEL_*`` variables."""
     try:
         sdk = importlib.import_module("opentelemetry.sdk.trace")
         export = importlib.import_module("opentelemetry.sdk.trace.export")
@@ -49,19 +48,19 @@ def make_otlp_provider() -> Any:
 
 
 class SpanView:
-    """A subscriber of the event log that tells a run as spans, prompts and replies included."""
+    """Subscriber of the event log that exports a run as spans, prompts and replies included."""
 
     def __init__(self, provider: Any) -> None:
         self._provider = provider
         self._trace = importlib.import_module("opentelemetry.trace")
-        self._tracer = provider.get_tracer(_SCOPE)
+        self._tracer = provider.get_tracer("grs_agents")
         self._run: Any = None
         self._node: Any = None
         self._prompts: dict[str, Prompt] = {}
         self._last = 0
 
     def __call__(self, event: Event) -> None:
-        """Take in one event."""
+        """Add an event to the spans."""
         self._last = round(event.time * 1e9)
         match event:
             case RunStarted():
@@ -80,12 +79,25 @@ class SpanView:
             case Reply():
                 self._record_model_call(event)
             case RunEnded():
-                self._end_run(event)
+                if self._run is not None:
+                    self._run.set_attributes({"grs.status": event.status, "grs.reason": event.reason})
+                self._end_span(self._node)
+                self._end_span(self._run, event.reason if event.status == "failed" else "")
+                self._node = self._run = None
+            case TestsRun():
+                self._record_tool("run_tests", event, seconds=float(event.report.get("seconds") or 0))
+            case Rollout():
+                self._record_tool("rollout", event)
             case _:
-                self._record_other_event(event)
+                span = self._node or self._run
+                fields = _FIELDS.get(event.kind)
+                text = "" if fields else summarise_event(event)
+                values = event.model_dump(include=fields) if fields else {"text": text} if text else {}
+                if span is not None and values:
+                    span.add_event(f"grs.{event.kind}", values, timestamp=self._last)
 
     def finish(self) -> None:
-        """End what is open and send what is left."""
+        """End the open spans and flush the exporter."""
         self._end_open_spans()
         self._provider.force_flush()
         self._provider.shutdown()
@@ -112,16 +124,9 @@ class SpanView:
         self._end_span(self._run)
         self._node = self._run = None
 
-    def _end_run(self, event: RunEnded) -> None:
-        if self._run is not None:
-            self._run.set_attributes({"grs.status": event.status, "grs.reason": event.reason})
-        self._end_span(self._node)
-        self._end_span(self._run, event.reason if event.status == "failed" else "")
-        self._node = self._run = None
-
     def _record_model_call(self, event: Reply) -> None:
-        """A model call: one span from its prompt to its reply."""
-        asked = self._prompts.pop(event.call, None)
+        """Add a span from the prompt to its reply."""
+        prompt = self._prompts.pop(event.call, None)
         provider, _, name = event.model.partition(":")
         attributes: dict[str, Any] = {
             "gen_ai.operation.name": "chat",
@@ -136,29 +141,25 @@ class SpanView:
             attributes["gen_ai.response.finish_reasons"] = [event.finish_reason]
         if event.cost is not None:
             attributes["grs.cost_usd"] = event.cost
-        if asked is not None:
-            attributes["gen_ai.input.messages"] = _dump_message("user", asked.text)
+        if prompt is not None:
+            attributes["gen_ai.input.messages"] = _dump_message("user", prompt.text)
         attributes["gen_ai.output.messages"] = _dump_message("assistant", event.text, event.finish_reason or "stop")
-        begin = round(asked.time * 1e9) if asked else self._last - round(event.seconds * 1e9)
+        begin = round(prompt.time * 1e9) if prompt else self._last - round(event.seconds * 1e9)
         span = self._start_span(f"chat {name or provider}", self._node or self._run, attributes, begin, "CLIENT")
         self._end_span(span, event.error)
 
-    def _record_other_event(self, event: Event) -> None:
-        """Whatever else happens is an event of the node's span; a rollout and a test run are tools."""
-        span = self._node or self._run
-        if span is None:
+    def _record_tool(self, tool: str, event: Event, seconds: float = 0.0) -> None:
+        """Add a span of ``seconds`` that ends with ``event``."""
+        parent = self._node or self._run
+        if parent is None:
             return
-        if isinstance(event, TestsRun | Rollout):
-            tool = "run_tests" if isinstance(event, TestsRun) else "rollout"
-            seconds = float(event.report.get("seconds") or 0) if isinstance(event, TestsRun) else 0.0
-            said = summarise_event(event)
-            named = {"gen_ai.operation.name": "execute_tool", "gen_ai.tool.name": tool, "grs.result": said}
-            begin = self._last - round(seconds * 1e9)
-            self._end_span(self._start_span(f"execute_tool {tool}", span, named, begin))
-            return
-        values = _span_event_attributes(event)
-        if values:
-            span.add_event(f"grs.{event.kind}", values, timestamp=self._last)
+        attributes = {
+            "gen_ai.operation.name": "execute_tool",
+            "gen_ai.tool.name": tool,
+            "grs.result": summarise_event(event),
+        }
+        begin = self._last - round(seconds * 1e9)
+        self._end_span(self._start_span(f"execute_tool {tool}", parent, attributes, begin))
 
 
 def _make_agent_attributes(name: str) -> dict[str, Any]:
@@ -166,7 +167,7 @@ def _make_agent_attributes(name: str) -> dict[str, Any]:
 
 
 def _dump_message(role: str, text: str, finish: str = "") -> str:
-    """One message in the form that the conventions give for attributes."""
+    """A message in the JSON form of the conventions."""
     message: dict[str, Any] = {"role": role, "parts": [{"type": "text", "content": text}]}
     return json.dumps([message | ({"finish_reason": finish} if finish else {})], ensure_ascii=False)
 
@@ -177,11 +178,4 @@ _FIELDS: dict[str, set[str]] = {
     "program_version": {"program", "number", "sha256", "diff"},
     "note": {"level", "text"},
 }
-"""The fields of an event that go into its span event; of any other kind, its phrase."""
-
-
-def _span_event_attributes(event: Event) -> dict[str, Any]:
-    if fields := _FIELDS.get(event.kind):
-        return event.model_dump(include=fields)
-    text = summarise_event(event)
-    return {"text": text} if text else {}
+"""Event fields exported as attributes of a span event; other kinds export their summary."""

@@ -1,4 +1,4 @@
-"""A run in the terminal: live progress, the final summary, and the whole run as a tree of tries, steps and events."""
+"""Terminal output of a run: live progress, the final summary, and a tree of fix attempts, steps and events."""
 
 import time
 from collections.abc import Callable, Generator, Iterable
@@ -22,12 +22,12 @@ MARKS: dict[Status, tuple[str, str]] = {
     "failed": ("✗", "red"),
     "interrupted": ("-", "red"),
 }
-"""How each status looks: a mark and its style."""
+"""Mark and style of each status."""
 _TROUBLE = ("✗", "red")
 
 
 def step_mark_and_style(step: Step) -> tuple[str, str]:
-    """The mark of a step and its style; a node that did its work and found tests failing is no success."""
+    """Returns: mark and style. A finished node whose tests or checks failed is marked as failed."""
     return _TROUBLE if step.status == "done" and step.problem_summary else MARKS[step.status]
 
 
@@ -36,7 +36,8 @@ _VERDICTS = {"accepted": "bold green", "rejected": "bold red", "failed": "bold r
 
 @contextmanager
 def show_activity_status(task: str) -> Generator[Callable[[str], None]]:
-    """Show what a long command is at on standard error, if a terminal; call what it yields with what is next."""
+    """Show the status of a long command on standard error, if that is a terminal; the yielded function updates the
+    text."""
     console = terminal.make_console(error=True)
     if not console.is_terminal:
         yield lambda text: None
@@ -45,10 +46,9 @@ def show_activity_status(task: str) -> Generator[Callable[[str], None]]:
         yield lambda text: status.update(Text(to_terminal_line(text)))
 
 
-class Progress:
-    """Shows events as they come: a live table on a terminal, else one line for each finished node, or if verbose for
-    each event.
-    Use as a context manager and subscribe it to the event log."""
+class ProgressView:
+    """Prints events as they arrive: a live table on a terminal, else a line for each finished node (if verbose, for
+    each event). Use as a context manager and subscribe it to the event log."""
 
     def __init__(self, console: Console | None = None) -> None:
         self._console = console or terminal.make_console(error=True)
@@ -57,7 +57,7 @@ class Progress:
         self._live: Live | None = None
         self._verbose = terminal.VERBOSITY.get() == "verbose"
 
-    def __enter__(self) -> "Progress":
+    def __enter__(self) -> "ProgressView":
         if self._console.is_terminal and not self._verbose:
             self._live = Live(console=self._console, get_renderable=self._render_progress, refresh_per_second=4)
             self._live.start()
@@ -69,14 +69,12 @@ class Progress:
             self._live = None
 
     def __call__(self, event: Event) -> None:
-        """Take in one event; the screen follows four times a second."""
+        """Show an event; the live table refreshes four times a second."""
         self._steps.add_event(event)
         if isinstance(event, RunStarted):
             self._title = f"{event.run_id} graph {event.graph}, seed {event.seed}"
-        if self._live is None:
-            self._print_event_line(event)
-
-    def _print_event_line(self, event: Event) -> None:
+        if self._live is not None:
+            return
         if self._verbose:
             line = to_terminal_line(format_event_line(event), 2000)
         elif isinstance(event, NodeEnded):
@@ -98,20 +96,18 @@ class Progress:
             visit = f"x{step.visit}" if step.visit > 1 else ""
             detail = Text(to_terminal_line(step.details_as_text, 300), overflow="ellipsis", no_wrap=True, style="dim")
             table.add_row(Text(mark, style=style), step.node, visit, f"{max(now, 0):.1f} s", detail)
-        return Group(Text(to_terminal_line(self._title), style="bold"), table, self._render_footer())
-
-    def _render_footer(self) -> Text:
-        if self._steps.ended:
-            ended = self._steps.ended
-            return Text(f"{ended.status}: {to_terminal_line(ended.reason)}", style=_VERDICTS.get(ended.status, ""))
-        attempt = self._steps.rows[-1].attempt if self._steps.rows else 0
-        decision = self._steps.decision
-        last = f"; last decision: {decision.verdict}" if decision else ""
-        return Text(f"fixes so far: {attempt}{last}", style="dim")
+        if ended := self._steps.ended:
+            footer = Text(f"{ended.status}: {to_terminal_line(ended.reason)}", style=_VERDICTS.get(ended.status, ""))
+        else:
+            attempt = self._steps.rows[-1].attempt if self._steps.rows else 0
+            decision = self._steps.decision
+            last = f"; last decision: {decision.verdict}" if decision else ""
+            footer = Text(f"fixes so far: {attempt}{last}", style="dim")
+        return Group(Text(to_terminal_line(self._title), style="bold"), table, footer)
 
 
 def summary_table(run: dict[str, Any]) -> Table:
-    """The end of a run in a few lines, from the content of its ``run.json``."""
+    """Summary of a finished run, from the content of its ``run.json``."""
     status = str(run.get("status", "?"))
     table = Table.grid(padding=(0, 2))
     table.add_column(style="dim", no_wrap=True)
@@ -120,21 +116,16 @@ def summary_table(run: dict[str, Any]) -> Table:
     if run.get("reason"):
         table.add_row("reason", Text(to_terminal_line(str(run["reason"]), 400)))
     counts, seconds = dict[str, Any](run.get("counts") or {}), dict[str, Any](run.get("seconds") or {})
-    calls, asked, said = (counts.pop(key, 0) for key in ("model_calls", "input_tokens", "output_tokens"))
+    calls, tokens_in, tokens_out = (counts.pop(key, 0) for key in ("model_calls", "input_tokens", "output_tokens"))
     if counts:
         table.add_row("counts", Text(to_terminal_line(_format_key_values(counts), 600)))
     if calls:
-        spent = _describe_cost(run.get("cost"))
-        table.add_row("models", Text(to_terminal_line(f"{calls} calls, {asked} tokens in, {said} out{spent}")))
+        dollars = run.get("cost")
+        cost = "" if dollars is None else f"; cost: ${dollars:.4f}" if dollars else "; they cost nothing"
+        table.add_row("models", Text(to_terminal_line(f"{calls} calls, {tokens_in} tokens in, {tokens_out} out{cost}")))
     if seconds:
         table.add_row("seconds", Text(to_terminal_line(_format_key_values(seconds), 600)))
     return table
-
-
-def _describe_cost(dollars: float | None) -> str:
-    if dollars is None:
-        return ""
-    return f"; cost: ${dollars:.4f}" if dollars else "; they cost nothing"
 
 
 def _format_key_values(values: dict[str, Any]) -> str:
@@ -142,11 +133,12 @@ def _format_key_values(values: dict[str, Any]) -> str:
     return ", ".join(f"{key} {value}" for key, value in zip(values, shown, strict=True))
 
 
-_LONG = 400
+_MAX_DETAIL = 400
+"""Characters of the details of a step."""
 
 
 def steps_tree(rows: list[Step]) -> Table:
-    """The steps of a run as a tree: each fix a branch, each step a twig, its model calls and programs the leaves."""
+    """The steps of a run as a tree: fix attempts, steps, and below each step its model calls and program versions."""
     table = Table(box=None, pad_edge=False, header_style="bold")
     table.add_column("#", justify="right", no_wrap=True)
     table.add_column("step", no_wrap=True)
@@ -158,74 +150,64 @@ def steps_tree(rows: list[Step]) -> Table:
         title = f"after fix {attempt}" if attempt else "before any fix"
         table.add_row("", Text(title, style="bold"), *_format_step_totals(steps), "", style="bold")
         for step in steps:
-            _add_step_rows(table, step, last=step is steps[-1])
+            mark, style = step_mark_and_style(step)
+            stem, trunk = ("└─ ", "   ") if step is steps[-1] else ("├─ ", "│  ")
+            visit = f" ×{step.visit}" if step.visit > 1 else ""
+            name = Text.assemble(stem, (mark, style), f" {step.node}{visit}")
+            detail = Text(
+                to_terminal_line(step.details_as_text, _MAX_DETAIL), style="red" if step.problem_summary else ""
+            )
+            table.add_row(str(step.number), name, *_format_step_totals([step]), detail)
+            leaves = _list_step_leaves(step)
+            for leaf in leaves:
+                stem = "└─ " if leaf is leaves[-1] else "├─ "
+                table.add_row("", Text(f"{trunk}{stem}{leaf[0]}"), *leaf[1:], style="dim")
     return table
 
 
-def _add_step_rows(table: Table, step: Step, last: bool) -> None:
-    mark, style = step_mark_and_style(step)
-    stem, trunk = ("└─ ", "   ") if last else ("├─ ", "│  ")
-    visit = f" ×{step.visit}" if step.visit > 1 else ""
-    name = Text.assemble(stem, (mark, style), f" {step.node}{visit}")
-    detail = Text(to_terminal_line(step.details_as_text, _LONG), style="red" if step.problem_summary else "")
-    table.add_row(str(step.number), name, *_format_step_totals([step]), detail)
-    leaves = [*_model_call_leaves(step), *_program_leaves(step)]
-    for leaf in leaves:
-        stem = "└─ " if leaf is leaves[-1] else "├─ "
-        table.add_row("", Text(f"{trunk}{stem}{leaf[0]}"), *leaf[1:], style="dim")
-
-
-Leaf = tuple[str, str, str, str, Text]
-"""The cells of a model call or of a program: what, seconds, tokens, cost, detail."""
-
-
-def _model_call_leaves(step: Step) -> list[Leaf]:
-    """One leaf for each role that was asked."""
-    replies: dict[str, list[Reply]] = {}
+def _list_step_leaves(step: Step) -> list[tuple[str, str, str, str, Text]]:
+    """Rows below a step: its model calls by role, then its program versions.
+    Returns: cells (title, seconds, tokens, cost, detail)."""
+    leaves: list[tuple[str, str, str, str, Text]] = []
+    replies_by_role: dict[str, list[Reply]] = {}
     for reply in step.model_replies:
-        replies.setdefault(reply.role, []).append(reply)
-    return [_model_call_leaf(role, answers) for role, answers in replies.items()]
-
-
-def _model_call_leaf(role: str, replies: list[Reply]) -> Leaf:
-    tokens = sum(reply.input_tokens + reply.output_tokens for reply in replies)
-    count = f" ×{len(replies)}" if len(replies) > 1 else ""
-    details = [replies[0].model]
-    if cached := sum(reply.cached_tokens for reply in replies):
-        details.append(f"{cached} tokens from the cache")
-    if unused := sum(bool(reply.error) for reply in replies):
-        details.append(f"{unused} not used")
-    seconds = f"{sum(reply.seconds for reply in replies):.1f}"
-    cost = _format_total_cost(reply.cost for reply in replies)
-    return f"ask {role}{count}", seconds, f"{tokens:,}", cost, Text(to_terminal_line(", ".join(details)))
+        replies_by_role.setdefault(reply.role, []).append(reply)
+    for role, replies in replies_by_role.items():
+        tokens = sum(reply.input_tokens + reply.output_tokens for reply in replies)
+        count = f" ×{len(replies)}" if len(replies) > 1 else ""
+        details = [replies[0].model]
+        if cached := sum(reply.cached_tokens for reply in replies):
+            details.append(f"{cached} tokens from the cache")
+        if unused := sum(bool(reply.error) for reply in replies):
+            details.append(f"{unused} not used")
+        seconds = f"{sum(reply.seconds for reply in replies):.1f}"
+        cost = _format_total_cost(reply.cost for reply in replies)
+        detail = Text(to_terminal_line(", ".join(details)))
+        leaves.append((f"ask {role}{count}", seconds, f"{tokens:,}", cost, detail))
+    for event in step.events:
+        if isinstance(event, ProgramVersion):
+            lines = [line for line in event.diff.splitlines() if not line.startswith(("+++", "---"))]
+            added, removed = (sum(line.startswith(sign) for line in lines) for sign in "+-")
+            detail = Text(f"+{added} -{removed} lines, {event.path}")
+            leaves.append((f"{event.program} v{event.number}", "", "", "", detail))
+    return leaves
 
 
 def _format_total_cost(costs: Iterable[float | None]) -> str:
-    """The sum of the costs that are known; empty if none is."""
+    """Sum of the known costs; empty if none is known."""
     known = [cost for cost in costs if cost is not None]
     return (f"${sum(known):.4f}" if sum(known) else "none") if known else ""
 
 
-def _program_leaves(step: Step) -> list[Leaf]:
-    """One leaf for each program that was written."""
-    rows: list[Leaf] = []
-    for event in step.events:
-        if isinstance(event, ProgramVersion):
-            lines = [line for line in event.diff.splitlines() if not line.startswith(("+++", "---"))]
-            added, gone = (sum(line.startswith(sign) for line in lines) for sign in "+-")
-            rows.append((f"{event.program} v{event.number}", "", "", "", Text(f"+{added} -{gone} lines, {event.path}")))
-    return rows
-
-
 def _format_step_totals(steps: list[Step]) -> tuple[str, str, str]:
-    """Seconds, tokens and cost of ``steps``."""
+    """Returns: seconds, tokens and cost of ``steps``."""
     tokens = sum(step.total_tokens for step in steps)
     seconds = f"{sum(step.seconds for step in steps):.1f}"
     return seconds, f"{tokens:,}" if tokens else "", _format_total_cost(step.cost for step in steps)
 
 
 def step_to_dict(step: Step) -> dict[str, Any]:
-    """A step as plain data; its events are those with ``sequence`` from ``first`` to ``last``."""
+    """A step as plain data; its events have the ``sequence`` numbers ``first`` to ``last``."""
     return {
         "number": step.number,
         "node": step.node,

@@ -7,7 +7,7 @@ from evals.synthesis.packages import build_package
 from grs_agents.base import content
 from grs_agents.base.files import write_json
 from grs_agents.base.terminal import print_escaped
-from grs_agents.library.asset import MANIFEST, Manifest
+from grs_agents.library.asset import MANIFEST, AssetManifest
 from scripts.assets.fixtures import build_fixtures
 from scripts.assets.grocery_table import GROCERIES
 from scripts.assets.household import build_household
@@ -23,15 +23,15 @@ def build_all() -> list[BuiltAsset]:
     return [*everyday, *build_toys(), *build_fixtures(), *build_templates(), *build_marks(), *build_kitting()]
 
 
-def write_library(root: Path) -> Manifest:
-    """Write every asset and the manifest below ``root`` and remove what else lies there.
+def write_library(root: Path) -> AssetManifest:
+    """Write every asset and the manifest below ``root`` and remove all other files there.
 
     The same code and the same version of OpenCV write the same bytes.
     """
     built = build_all()
     for one in built:
         one.write(root)
-    manifest = Manifest(assets=tuple(sorted((one.asset for one in built), key=lambda asset: asset.name)))
+    manifest = AssetManifest(assets=tuple(sorted((one.asset for one in built), key=lambda asset: asset.name)))
     write_json(root / MANIFEST, manifest.model_dump(mode="json"))
     ours = {root / MANIFEST, *(root / name for one in built for name in one.files())}
     for stray in {file for file in root.rglob("*") if file.is_file()} - ours:

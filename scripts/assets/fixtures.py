@@ -1,6 +1,6 @@
-"""What published programs build upon: stands, pallet, kit, insertion fixture and the ground.
+"""Fixtures of published programs: stands, pallet, kit, insertion fixture and the ground.
 
-Origins and dimensions are the published ones, since programs compute offsets from them.
+Origins and dimensions are as published, since programs compute offsets from them.
 """
 
 from evals.synthesis.built_asset import BuiltAsset, build_asset, opaque
@@ -36,7 +36,7 @@ def build_fixtures() -> list[BuiltAsset]:
 def _fixture(
     name: str, shapes: tuple[Shape, ...], mass: float, color: str, look: str, unseen: tuple[Shape, ...] = ()
 ) -> BuiltAsset:
-    """Shapes that are seen and touched, and ``unseen`` ones that are only touched."""
+    """Visible shapes with colliders, and ``unseen`` shapes that only collide."""
     size = _extents(shapes)
     category = name.rsplit("/", 1)[-1]
     bare = [*(shape.model_copy(update={"color": None}) for shape in shapes), *unseen]
@@ -50,7 +50,7 @@ def _extents(shapes: tuple[Shape, ...]) -> Vec3:
 
 
 def _steps(width: float, height: float) -> tuple[Shape, ...]:
-    """Plates along y: light, middle, dark, the middle one at the origin."""
+    """Plates along y: light, middle, dark, the middle plate at the origin."""
     return tuple(box((width, width, height), (0, step * width, 0), color=_WOOD[step + 1]) for step in (-1, 0, 1))
 
 

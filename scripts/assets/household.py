@@ -21,7 +21,7 @@ def build_household() -> list[BuiltAsset]:
 
 
 def build_cubes() -> list[BuiltAsset]:
-    """One 4 cm cube for each colour, and the neutral ``block/block.urdf``."""
+    """A 4 cm cube for each colour, and the neutral ``block/block.urdf``."""
     cubes = [(f"{name}_block", name) for name in _CUBE_COLORS]
     return [_cube(stem, color) for stem, color in [("block", "gray"), *cubes]]
 

@@ -1,8 +1,8 @@
-"""The kitting shapes: flat solids that programs scale, each a whole mesh to see and convex parts to touch.
+"""The kitting shapes: flat solids that programs scale, each a visual mesh with convex colliders.
 
 ``kitting/NN.obj`` is the shape in the units that programs scale by (0.003, 0.003, 0.001): 20 high, its bottom at
-z = 0, where the published ones have their origin. Beside it lie its convex parts, ``kitting/NN.part0.obj`` and so on,
-which the URDF reader takes for the colliders of whatever collides as ``NN.obj``.
+z = 0, with the published origin. Beside it lie its convex parts, ``kitting/NN.part0.obj`` and so on, which the
+URDF reader takes for the colliders of ``NN.obj``.
 """
 
 from evals.synthesis.built_asset import BuiltAsset

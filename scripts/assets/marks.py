@@ -1,4 +1,4 @@
-"""What is drawn on the table: zones, lines, corners, squares and rectangles, as thin boxes that nothing touches."""
+"""Marks on the table: zones, lines, corners, squares and rectangles, as thin boxes without colliders."""
 
 from evals.synthesis.built_asset import BuiltAsset
 from grs_agents.base import Vec3
@@ -43,7 +43,7 @@ def _lines() -> list[BuiltAsset]:
 
 
 def _corner() -> BuiltAsset:
-    """Two strokes around the +x, +y corner of a box; programs say where the strokes' centres are."""
+    """Two strokes around the +x, +y corner of a box, centred as published."""
     parts = (
         ("DIMX0 DIMY0 0", f'<box size="{STROKE_LENGTH} {STROKE_WIDTH} {_THIN}"/>'),
         ("DIMX1 DIMY1 0", f'<box size="{STROKE_WIDTH} {STROKE_LENGTH} {_THIN}"/>'),

@@ -1,9 +1,9 @@
-"""The twenty outlines of the kitting shapes: which is what, and by which turns each looks the same.
+"""The twenty outlines of the kitting shapes with their rotational symmetries.
 
-Published programs score shape NN's yaw by the NNth symmetry of one table, so the outlines keep to it. Coordinates
-are in the units of the meshes, which programs scale by 0.003 to metres: no shape is longer than 8 cm, none reaches
-further from its origin than half the 9 cm between the holes of a kit, and strokes carry a suction cup. A turn about
-the origin is a turn on the spot.
+Published programs score shape NN's yaw by the NNth symmetry of a common table, so the outlines keep to it.
+Coordinates are in the units of the meshes, which programs scale by 0.003 to metres: no shape is longer than 8 cm,
+none reaches further from its origin than half the 9 cm between the holes of a kit, and strokes carry a suction
+cup. A rotation about the origin is a rotation in place.
 """
 
 import math
@@ -23,12 +23,12 @@ _HOLE = 6.5
 
 @dataclass(frozen=True)
 class Outline:
-    """One kitting shape seen from above.
+    """A kitting shape seen from above.
 
     Attributes:
-        name: what people call it.
+        name: in words.
         corners: (N, 2) counter-clockwise.
-        folds: by how many equal turns of a whole one it looks the same; 0 for round ones.
+        folds: order of its rotational symmetry; 0 for round shapes.
         hole: (N, 2) the inner edge of a ring, else None.
     """
 
@@ -39,7 +39,7 @@ class Outline:
 
     @property
     def symmetry(self) -> float:
-        """The smallest turn (rad) that changes nothing; 0 for round ones, 2 pi where there is none."""
+        """The smallest rotation (rad) that maps it onto itself; 0 for round shapes, 2 pi without symmetry."""
         return 2 * math.pi / self.folds if self.folds else 0.0
 
 

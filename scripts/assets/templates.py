@@ -10,7 +10,7 @@ from grs_agents.library.shapes import Rgba
 from grs_agents.library.urdf_templates import WALL, Value
 
 Part = tuple[str, str]
-"""Where a shape is (the words of ``<origin xyz>``) and what it is (its element)."""
+"""Position of a shape (the text of ``<origin xyz>``) and its element."""
 
 _COLOR = '<material name="color"><color rgba="COLOR0 COLOR1 COLOR2 COLOR3"/></material>'
 _WHOLE = '<box size="DIM0 DIM1 DIM2"/>'
@@ -63,7 +63,7 @@ def _solid(name: str, look: str, size: Vec3, color: Rgba, parts: Sequence[Part],
 
 
 def build_template(asset: Asset, visuals: Sequence[Part], colliders: Sequence[Part]) -> BuiltAsset:
-    """The URDF of a template of these shapes, in the one colour that ``COLOR`` says."""
+    """The URDF of a template of these shapes, in the single colour ``COLOR``."""
     stem, size, mass = asset.name.split("/", 1)[0], asset.size, asset.mass
     lines = ['<?xml version="1.0" encoding="utf-8"?>', f'<robot name="{stem}">', f'  <link name="{stem}">']
     lines += [f'    <contact><lateral_friction value="{asset.friction:g}"/></contact>']

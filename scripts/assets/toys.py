@@ -70,7 +70,7 @@ def _disk(stem: str, radius: float, height: float, color: str) -> BuiltAsset:
 
 
 def toy_asset(name: str, category: str, size: Vec3, mass: float, color: str, look: str, hollow: bool = False) -> Asset:
-    """The manifest entry of a thing that programs name and photos do not show; ``name`` without ``.urdf``."""
+    """The manifest entry of an object that programs name and photos do not show; ``name`` without ``.urdf``."""
     return Asset(
         name=f"{name}.urdf",
         kind=name.rsplit("/", 1)[-1],

@@ -144,9 +144,9 @@ def test_links_that_no_reader_needs_open_nothing_to_the_worker(
     opened: list[Path] = []
 
     class Reader(ForeignReader):
-        def __init__(self, readable: Sequence[Path], preload: Sequence[str]) -> None:
+        def __init__(self, module: str, readable: Sequence[Path]) -> None:
             opened.extend(readable)
-            super().__init__(readable, preload)
+            super().__init__(module, readable)
 
     monkeypatch.setattr("grs_agents.perception.reading.foreign_scene.ForeignReader", Reader)
     assert read_foreign_scene(copy).rgb.shape == (480, 640, 3)
@@ -159,11 +159,11 @@ def test_what_a_worker_reads_costs_no_more_than_its_limits(tmp_path: Path) -> No
 
     bombs.png(tmp_path / "a.png", 8_000, 8_000)
     worker = "grs_agents.views.common.decoding_worker"
-    with ForeignReader([tmp_path], [worker], READING.model_copy(update={"memory_mib": 64})) as reader:
+    with ForeignReader(worker, [tmp_path], READING.model_copy(update={"memory_mib": 64})) as reader:
         with pytest.raises(InputError, match=r"a\.png"):
-            reader.read(worker, {"picture": str(tmp_path / "a.png"), "flags": 1}, "a.png")
+            reader.read({"picture": str(tmp_path / "a.png"), "flags": 1}, "a.png")
         with pytest.raises(InputError, match="cannot read"):  # it may open nothing else
-            reader.read(worker, {"picture": str(Path(__file__).with_name("a.png")), "flags": 1}, "a.png")
+            reader.read({"picture": str(Path(__file__).with_name("a.png")), "flags": 1}, "a.png")
 
 
 def test_without_a_backend_bounds_and_an_empty_environment_are_left(

@@ -101,14 +101,14 @@ def test_the_arm_of_a_run_folder_is_compiled_in_a_worker_first(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, verb: str
 ) -> None:
     class Reader:
-        def __init__(self, *_: Any) -> None: ...
+        def __init__(self, *_: Any, **__: Any) -> None: ...
 
         def __enter__(self) -> "Reader":
             return self
 
         def __exit__(self, *_: object) -> None: ...
 
-        def read(self, module: str, request: dict[str, Any], what: str) -> None:
+        def read(self, request: dict[str, Any], name: str) -> None:
             raise InputError(f"a worker reads {request['robot']}")
 
     copy = Path(shutil.copytree(run, tmp_path / "run"))

@@ -12,8 +12,7 @@ import pytest
 from grs_agents.base import content
 from grs_agents.base.config.recorded import RecordedConfig
 from grs_agents.base.config.schema import Config
-from grs_agents.perception.proxies.primitive_proxy import primitive_proxy
-from grs_agents.perception.proxies.proxy_writer import write_proxy
+from grs_agents.perception.proxies.proxy import primitive_proxy, write_proxy
 from grs_agents.runs.record import RunRecord
 from grs_agents.sim import find_task_class, instantiate
 from tests.cli.command import Done, grs
@@ -318,7 +317,7 @@ def test_doctor_finds_a_working_sandbox_and_tells_a_missing_key_from_a_missing_p
 def test_doctor_tells_each_remedy_once_and_on_a_whole_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "40")
     monkeypatch.setattr("grs_agents.cli.doctor.GL_BACKENDS", {})
-    monkeypatch.setattr("grs_agents.cli.doctor._diagnose_all_sandboxes", list)  # attacks take seconds
+    monkeypatch.setattr("grs_agents.cli.doctor._diagnose_sandboxes", list)  # attacks take seconds
     monkeypatch.setitem(sys.modules, "langchain_anthropic", None)
     lines = [line.strip() for line in grs("doctor", folder=tmp_path).stdout.splitlines()]
     remedies = lines[lines.index("how to get the rest") + 1 :]

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import cv2
 import numpy as np
@@ -14,7 +14,7 @@ from grs_agents.base.config.schema import AuditConfig, Config
 from grs_agents.base.trace.log import read_events
 from grs_agents.graph.policies.policy_registry import load_policy
 from grs_agents.graph.services import Node, Services
-from grs_agents.graph.state import RunState
+from grs_agents.graph.state import RunState, parse_state
 from grs_agents.sandbox.host.sandbox import Sandbox
 from tests.kept_sandbox import written_folder
 from tests.scripted import scripted
@@ -119,7 +119,7 @@ def state(tmp_path: Path) -> RunState:
         "image": image,
         "scene": scene,
     }
-    return cast(RunState, {**begin, "task": TASK, **programs})
+    return parse_state({**begin, "task": TASK, **programs})
 
 
 @pytest.fixture(scope="session")
@@ -147,8 +147,8 @@ def fenced(text: str, language: str = "python") -> str:
 
 
 def with_(state: RunState, **changes: Any) -> RunState:
-    """The state with other fields; those that become ``...`` are left out."""
-    return cast(RunState, {key: value for key, value in {**state, **changes}.items() if value is not ...})
+    """The state with other fields, which may be plain JSON; those that become ``...`` are left out."""
+    return parse_state({key: value for key, value in {**state, **changes}.items() if value is not ...})
 
 
 def run(node: Node, state: RunState, services: Services) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from grs_agents.graph.asset_matching import drop_asset_below_confidence
+from grs_agents.graph.recognition import drop_asset_below_confidence
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.types import MatchEvidence
 

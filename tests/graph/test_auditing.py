@@ -3,13 +3,12 @@
 import pytest
 
 from grs_agents.agents.types import TaskDefinition
-from grs_agents.audit.types import Finding
+from grs_agents.audit.types import AuditFinding
 from grs_agents.base.config.schema import AuditConfig, Config, ModelConfig
 from grs_agents.graph.auditing import audit_programs
 from grs_agents.graph.services import Services
 from grs_agents.graph.state import RunState
 from grs_agents.graph.task_instances import AuditedPrograms
-from grs_agents.perception.types import SceneDescription
 from tests.graph.conftest import SIMULATION, TASK, Make, kinds
 
 WORDS = str(TASK["task-description"])
@@ -17,7 +16,7 @@ SEES = {"default": ModelConfig(model="openai:any")}
 AGREES = '{"verdict": "agrees", "reason": "It is what the words say."}'
 
 
-def words_finding(words: str, services: Services, simulation: str = SIMULATION) -> Finding | None:
+def words_finding(words: str, services: Services, simulation: str = SIMULATION) -> AuditFinding | None:
     """What the audit finds of the words; a program without tests and photo."""
     task = TaskDefinition.model_validate({**TASK, "task-description": words})
     report = audit_programs(AuditedPrograms(simulation=simulation, task=task), services)
@@ -47,7 +46,7 @@ def test_rules_judge_where_the_model_is_offline(make_services: Make, words: str,
 def test_sides_that_the_photo_shows_otherwise_are_unclear(state: RunState, make_services: Make) -> None:
     """The camera looks straight down, its right is away from the robot."""
     task = TaskDefinition.model_validate({**TASK, "task-description": "move the red block left of the blue block"})
-    scene = SceneDescription.model_validate(state["scene"])
+    scene = state["scene"]
     report = audit_programs(AuditedPrograms(simulation=SIMULATION, task=task, scene=scene), make_services())
     found = next(finding for finding in report.findings if finding.check == "words")
     assert not found.passed and "'left' is another side" in found.measured and "as the robot sees it" in found.bound

@@ -7,12 +7,12 @@ from typing import Any
 import pytest
 
 from grs_agents.base.errors import GrsError
-from grs_agents.graph.authoring import generate_sim, generate_task, generate_tests
+from grs_agents.graph.authoring import generate_sim, generate_task, generate_tests, next_step_after_author
 from grs_agents.graph.fix_history import describe_fix_history
 from grs_agents.graph.fixing import fix_code, fix_tests
-from grs_agents.graph.judging import conclude_with_best_version, next_step_after_author
+from grs_agents.graph.judging import conclude_with_best_version
 from grs_agents.graph.services import Node
-from grs_agents.graph.state import RunState
+from grs_agents.graph.state import RunState, state_as_json
 from tests.graph.conftest import SIMULATION, TASK, TESTS, Make, fenced, kinds, run, with_
 
 REPORT = {"outcome": "failed", "cases": [{"id": "T.test_a", "outcome": "failed", "message": "1 != 2"}]}
@@ -29,7 +29,7 @@ def unwritten(state: RunState) -> RunState:
 def test_a_task_is_defined_from_the_scene_and_its_picture(unwritten: RunState, make_services: Make) -> None:
     services = make_services(fenced(json.dumps(TASK), "json"))
     update = run(generate_task, unwritten, services)
-    assert update == {"task": TASK, "revisable": True}
+    assert state_as_json(update) == {"task": TASK, "revisable": True}
     assert next_step_after_author(with_(unwritten, **update)) == "ok"
     assert json.loads((services.folder / "task.json").read_text()) == TASK
     assert [event.task for event in kinds(services, "task_defined")] == [TASK]
@@ -41,7 +41,7 @@ def test_a_task_is_defined_from_the_scene_and_its_picture(unwritten: RunState, m
 def test_a_task_with_what_the_scene_lacks_is_asked_for_again(unwritten: RunState, make_services: Make) -> None:
     foreign = {**TASK, "assets-used": ["HOPE/Milk.urdf"]}
     services = make_services(fenced(json.dumps(foreign), "json"), fenced(json.dumps(TASK), "json"))
-    assert run(generate_task, unwritten, services)["task"] == TASK
+    assert run(generate_task, unwritten, services)["task"].as_json() == TASK
     assert "HOPE/Milk.urdf" in kinds(services, "prompt")[1].text
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from grs_agents.graph.bystanders import configured_bystanders, photo_objects, prepare_scene_for_tasks
+from grs_agents.graph.bystanders import photo_objects, prepare_scene_for_tasks, program_tool_settings
 from grs_agents.graph.judging import audit_task, run_tests
 from grs_agents.graph.scene_prompt import scene_for_prompt
 from grs_agents.graph.services import Services
@@ -22,7 +22,7 @@ GREEN = "block/green_block.urdf"
 def scene_of(state: RunState, *changes: dict[str, Any]) -> SceneDescription:
     """The scene of three blocks, some of them changed."""
     objects = [block("red", 1), block("blue", 2), block("green", 3)]
-    return SceneDescription.model_validate({**state["scene"], "objects": [*map(dict, objects), *changes]})
+    return SceneDescription.model_validate({**dict(state["scene"]), "objects": [*map(dict, objects), *changes]})
 
 
 def moved(number: int, x: float, y: float, z: float = 0.02, **fields: Any) -> dict[str, Any]:
@@ -95,16 +95,16 @@ def test_the_audit_is_about_instances_among_all_that_the_photo_shows(state: RunS
     update = run(audit_task, state, services)
     instance = instance_in(services)
     assert [(item.asset, item.role) for item in instance.objects][2:] == [(GREEN, "bystander")]
-    rollout = update["audit"]["rollouts"][0]
-    assert math.dist(rollout["final"]["50002"][0], (0.55, 0.3, 0.02)) < 0.01
-    assert "scene.bystanders" not in update["audit"]["about"]
+    rollout = update["audit"].rollouts[0]
+    assert math.dist(rollout.final[50_002][0], (0.55, 0.3, 0.02)) < 0.01
+    assert "scene.bystanders" not in update["audit"].about
 
 
 def test_what_is_left_out_is_in_the_record(state: RunState, make_services: Make) -> None:
     services = make_services(scene={"bystanders": False})
     update = run(audit_task, state, services)
     assert all(item.role == "task" for item in instance_in(services).objects)
-    assert "scene.bystanders = false" in update["audit"]["about"]
+    assert "scene.bystanders = false" in update["audit"].about
     assert any("scene.bystanders = false" in event.text for event in kinds(services, "note"))
 
 
@@ -112,10 +112,10 @@ def test_a_program_cannot_choose_its_bystanders(state: RunState, make_services: 
     """It takes the green block off the table behind the environment's back, and puts another one there."""
     forged = SIMULATION + (
         "        from grs_agents.sim import InstanceObject\n"
-        "        from grs_agents.sim.world import templates\n"
+        "        from grs_agents.sim.world import context\n"
         "        away = ((0.3, -0.4, 0.02), (0, 0, 0, 1))\n"
-        "        templates.defaults.bystanders = (\n"
-        "            InstanceObject(id=60_000, asset='block/gray_block.urdf', pose=away, role='bystander'),)\n"
+        "        forged = InstanceObject(id=60_000, asset='block/gray_block.urdf', pose=away, role='bystander')\n"
+        "        object.__setattr__(context.PROCESS_CONTEXT, 'bystanders', (forged,))\n"
     )
     services = make_services()
     run(audit_task, with_(state, simulation=forged), services)
@@ -132,12 +132,12 @@ SEES = TESTS.replace(
 def test_the_tests_run_among_all_that_the_photo_shows(state: RunState, make_services: Make) -> None:
     services = make_services()
     update = run(run_tests, with_(state, tests=SEES), services)
-    assert update["report"]["outcome"] == "passed", update["report"]
+    assert update["report"].outcome == "passed", update["report"]
     bare = make_services(scene={"bystanders": False})
-    assert run(run_tests, with_(state, tests=SEES), bare)["report"]["outcome"] == "failed"
+    assert run(run_tests, with_(state, tests=SEES), bare)["report"].outcome == "failed"
 
 
 def test_without_a_photo_nothing_stands_around(state: RunState, make_services: Make) -> None:
     services = make_services()
-    assert configured_bystanders(None, services) == ()
-    assert len(configured_bystanders(SceneDescription.model_validate(state["scene"]), services)) == 3
+    assert program_tool_settings(None, services)["bystanders"] == ()
+    assert len(program_tool_settings(state["scene"], services)["bystanders"]) == 3

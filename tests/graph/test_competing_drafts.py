@@ -7,11 +7,11 @@ from langgraph.graph import START
 
 from grs_agents.base.trace.events import NodeEnded, NodeStarted, Note
 from grs_agents.base.trace.log import read_events
-from grs_agents.graph.competing_drafts import choose_draft
-from grs_agents.graph.comprehension import hide_image
-from grs_agents.graph.graph_segments import add_competing_authors, empty_graph
+from grs_agents.graph.authoring import choose_draft
 from grs_agents.graph.judging import conclude_with_best_version
+from grs_agents.graph.perceive import hide_image
 from grs_agents.graph.state import RunState
+from grs_agents.graph.topology import add_competing_authors, empty_graph
 from grs_agents.views.common.event_steps import Step, group_events_into_steps
 from tests.graph.conftest import SIMULATION, Make, fenced, kinds, run, with_
 
@@ -33,7 +33,7 @@ def test_two_authors_compete_in_a_graph(state: RunState, make_services: Make) ->
     graph.add_node("conclude", conclude_with_best_version)
     begin = with_(state, task=..., simulation=..., simulation_version=..., tests=..., tests_version=...)
     end = cast(dict[str, Any], graph.compile().invoke(begin, context=services))
-    assert {draft["author"] for draft in end["drafts"]} == {"simulation", "rival"}
+    assert {draft.author for draft in end["drafts"]} == {"simulation", "rival"}
     assert end["simulation"].strip() == SIMULATION.strip()
     assert (services.folder / "simulation.py").read_text() == end["simulation"]
     assert {prompt.role for prompt in kinds(services, "prompt")} == {"task", "simulation", "rival"}

@@ -21,11 +21,11 @@ from grs_agents.agents.agent import Agents
 from grs_agents.base.config.schema import Config
 from grs_agents.base.trace.events import Prompt
 from grs_agents.base.trace.log import EventLog, read_events
-from grs_agents.graph.describing import describe_segments
+from grs_agents.graph.recognition import describe_segments
 from grs_agents.graph.services import Photo, Services
+from grs_agents.graph.table_object import TableObject
 from grs_agents.perception.picture_files import load_mask, save_candidates, save_frame
 from grs_agents.perception.segmentation.candidates import measure_candidates
-from grs_agents.perception.types import CandidateRecord
 from tests.perception.settling.photo import BLOCK, LIBRARY, MILK, photo_of, standing
 from tests.scripted import say
 
@@ -77,7 +77,7 @@ class Table:
 
     folder: Path
     photo: Photo
-    records: tuple[CandidateRecord, ...]
+    records: tuple[TableObject, ...]
 
     def services(self, eyes: Eyes, **match: Any) -> Services:
         """As much of the services as describing uses."""
@@ -98,17 +98,19 @@ def table(tmp_path: Path) -> Table:
     upper = mask & ~block & (rows < np.median(np.nonzero(mask & ~block)[0]))
     save_frame(frame, tmp_path)
     candidates = measure_candidates(frame, pose, mask.astype("int32") + upper + 2 * block)
-    return Table(tmp_path, (frame, pose), save_candidates(frame, candidates, tmp_path))
+    records = tuple(map(TableObject.from_record, save_candidates(frame, candidates, tmp_path)))
+    return Table(tmp_path, (frame, pose), records)
 
 
 def test_pieces_of_one_thing_become_one_candidate_that_is_measured_and_described_anew(table: Table) -> None:
     sliver = {"is_object": False, "description": "a sliver"}
     eyes = Eyes(says={1: {**sliver, "part_of": 2}, 2: {**sliver, "part_of": 1}, 4: {"open_top": True}})
     found = describe_segments(table.records, 4, table.photo, table.services(eyes))
-    block, carton = found.records
+    block, carton = found.objects
     assert (block.id, carton.id) == (3, 4)
     assert found.descriptions[4].description == "thing 4"
     assert carton.hollow and not block.hollow
+    assert carton.description == found.descriptions[4]
     masks = [load_mask(table.folder / one.mask) for one in (carton, *table.records[:2])]
     assert np.array_equal(masks[0], masks[1] | masks[2])
     (whole,) = measure_candidates(*table.photo, masks[0].astype("int32"))
@@ -126,7 +128,7 @@ def test_all_segments_are_asked_at_once_and_answers_are_ordered_by_number(table:
     together = Barrier(3, timeout=60)
     eyes = Eyes(says={}, spoilt=(2,), meet=_once_each(together))
     found = describe_segments(table.records, 4, table.photo, table.services(eyes))
-    assert list(found.descriptions) == [1, 2, 3] == [one.id for one in found.records]
+    assert list(found.descriptions) == [1, 2, 3] == [one.id for one in found.objects]
     assert found.descriptions[2].description.startswith("an undescribed")
     assert [found.descriptions[one].description for one in (1, 3)] == ["thing 1", "thing 3"]
     (note,) = found.notes
@@ -146,7 +148,7 @@ def _once_each(together: Barrier) -> Callable[[list[int]], object]:
 
 def test_what_does_not_adjoin_its_thing_stays_by_itself(table: Table) -> None:
     found = describe_segments(table.records, 4, table.photo, table.services(Eyes(says={3: {"part_of": 1}})))
-    assert [one.id for one in found.records] == [1, 2, 3]
+    assert [one.id for one in found.objects] == [1, 2, 3]
     assert not found.dropped
     (note,) = found.notes
     assert "segment 3 was described as a part of 1" in note

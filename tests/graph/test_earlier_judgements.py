@@ -1,13 +1,14 @@
 """A pair of programs is tested and audited once in a run: what was found out is used again, and said to be."""
 
 from pathlib import Path
-from typing import Any
 
-from grs_agents.graph.fix_history import FixRecord, describe_fix_history
+from grs_agents.audit.types import AuditReport
+from grs_agents.graph.fix_history import describe_fix_history
 from grs_agents.graph.fixing import fix_code
 from grs_agents.graph.judging import audit_task, conclude_with_best_version, run_tests
 from grs_agents.graph.services import Services
 from grs_agents.graph.state import RunState
+from grs_agents.sandbox.protocol.report import TestReport
 from tests.graph.conftest import SIMULATION, TESTS, Make, fenced, kinds, run, with_
 
 SLOWER = SIMULATION.replace("max_steps = 6", "max_steps = 5")
@@ -24,10 +25,10 @@ def files(folder: Path) -> dict[str, bytes]:
     return {file.name: file.read_bytes() for file in (folder / "instances").iterdir()}
 
 
-def judge(state: RunState, services: Services) -> tuple[dict[str, Any], dict[str, Any]]:
+def judge(state: RunState, services: Services) -> tuple[TestReport, AuditReport]:
     """The test report and the audit of a state's programs."""
     tested = with_(state, **run(run_tests, state, services))
-    return dict(tested["report"]), dict(run(audit_task, tested, services)["audit"])
+    return tested["report"], run(audit_task, tested, services)["audit"]
 
 
 def test_programs_that_come_back_are_not_judged_again(state: RunState, make_services: Make) -> None:
@@ -45,10 +46,10 @@ def test_programs_that_come_back_are_not_judged_again(state: RunState, make_serv
         "audit is used",
     ]
     assert all("(simulation version 1, tests version 1)" in text for text in reused(services))
-    assert [event.report["seconds"] for event in kinds(services, "tests_run")][::2] == [report["seconds"]] * 2
+    assert [event.report["seconds"] for event in kinds(services, "tests_run")][::2] == [report.seconds] * 2
     rollouts = kinds(services, "rollout")
     assert [(event.seed, event.recording) for event in rollouts] == [(0, "instances/seed_0.npz")] * 3
-    assert len(kinds(services, "finding")) == 2 * len(audit["findings"]) + len(other[1]["findings"])
+    assert len(kinds(services, "finding")) == 2 * len(audit.findings) + len(other[1].findings)
 
 
 def test_other_tests_or_another_task_are_judged(state: RunState, make_services: Make) -> None:
@@ -93,5 +94,5 @@ def test_the_router_is_told_which_version_a_fix_brought_back(state: RunState, ma
     first = with_(state, report=failed, simulation_version=1)
     second = with_(first, **run(fix_code, first, services))
     third = with_(second, **run(fix_code, second, services))
-    assert [FixRecord.model_validate(record).equals for record in third["history"]] == [0, 1]
+    assert [record.equals for record in third["history"]] == [0, 1]
     assert "version 3, equal to version 1 (+1 -1 lines)" in describe_fix_history(third)[1]

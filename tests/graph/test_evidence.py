@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from grs_agents.audit.types import AuditReport, Finding, StaticFinding
+from grs_agents.audit.types import AuditFinding, AuditReport, StaticFinding
 from grs_agents.graph.evidence import render_evidence
 from grs_agents.sandbox.protocol.report import TestCase, TestReport
 from grs_agents.sim import Episode, Outcome, Rollout
@@ -180,8 +180,8 @@ def test_the_audit_tells_its_failures_and_the_seed_that_fell_shortest() -> None:
         for seed, outcome, strict in ends
     ]
     findings = (
-        Finding(check="solved", passed=False, measured="strict scores 1.00, 0.00", bound=""),
-        Finding(check="moved", passed=True, measured="", bound=""),
+        AuditFinding(check="solved", passed=False, measured="strict scores 1.00, 0.00", bound=""),
+        AuditFinding(check="moved", passed=True, measured="", bound=""),
     )
     audit = AuditReport(accepted=False, findings=findings, changes=(), rollouts=tuple(rollouts), rewards=(1.0, 0.0))
     lines = render_evidence(None, audit).splitlines()

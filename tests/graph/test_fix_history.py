@@ -11,13 +11,13 @@ from grs_agents.agents.types import TaskDefinition
 from grs_agents.audit.checks import audit_task
 from grs_agents.base.config.schema import AuditConfig, Config
 from grs_agents.base.trace.log import EventLog
-from grs_agents.graph.fix_history import FixRecord, describe_fix_history
+from grs_agents.graph.fix_history import describe_fix_history
 from grs_agents.graph.fixing import fix_code
-from grs_agents.graph.graph_segments import add_authors, add_fix_loop, add_judging, empty_graph
 from grs_agents.graph.judging import conclude_with_best_version, run_tests
 from grs_agents.graph.policies.policy_registry import load_policy
 from grs_agents.graph.services import Services
-from grs_agents.graph.state import RunState
+from grs_agents.graph.state import FixRecord, RunState, state_as_json
+from grs_agents.graph.topology import add_authors, add_fix_loop, add_judging, empty_graph
 from grs_agents.library.library import Library
 from grs_agents.sandbox.host.sandbox import Sandbox
 from tests.graph.conftest import SIMULATION, TASK, TESTS, Make, fenced, kinds, run, with_
@@ -57,7 +57,7 @@ def test_a_stubborn_model_is_never_asked_the_same_more_than_twice(
     ended, services = run_stubborn(state, tmp_path, sandbox)
     prompts = kinds(services, "prompt")
     assert max(Counter(prompt.digest for prompt in prompts).values()) <= 2
-    records = [FixRecord.model_validate(record) for record in ended["history"]]
+    records: list[FixRecord] = ended["history"]
     assert [(record.fixed, record.strategy) for record in records] == [
         ("simulation", "fix"),
         ("simulation", "rewrite"),
@@ -84,8 +84,9 @@ def test_a_revised_task_is_written_for_anew_and_what_was_given_up_is_recorded(
         fix_task=revision,
     )
     assert ended["status"] == "accepted" and "The green block stays." in ended["reason"]
-    assert ended["revised"] == {"from": wide, "given-up": "The green block stays."}
-    assert json.loads((tmp_path / "task.json").read_text()) == {**TASK, "revised": ended["revised"]}
+    revised = {"from": wide, "given-up": "The green block stays."}
+    assert state_as_json(ended)["revised"] == revised
+    assert json.loads((tmp_path / "task.json").read_text()) == {**TASK, "revised": revised}
     ran = [event.node for event in kinds(services, "node_ended")]
     assert ran[ran.index("fix_task") :] == [
         "fix_task",
@@ -95,7 +96,7 @@ def test_a_revised_task_is_written_for_anew_and_what_was_given_up_is_recorded(
         "audit",
         "conclude",
     ]
-    assert [finding["check"] for finding in ended["audit"]["findings"] if finding["check"] == "revision"]
+    assert [finding.check for finding in ended["audit"].findings if finding.check == "revision"]
 
 
 def test_a_run_that_is_not_accepted_leaves_the_best_version_in_place(state: RunState, make_services: Make) -> None:
@@ -130,10 +131,10 @@ def test_a_fix_is_in_vain_where_the_report_stays_or_old_programs_come_back(
     first = with_(state, report=report)
     second = with_(first, **run(fix_code, first, services))
     judged = with_(second, **run(run_tests, with_(second, tests=WRONG_TESTS), services))
-    assert not FixRecord.model_validate(judged["history"][-1]).vain
+    assert not judged["history"][-1].vain
     third = with_(judged, **run(fix_code, judged, services))
     outcome = run(run_tests, with_(third, tests=TESTS if brings_back else WRONG_TESTS), services)
-    assert FixRecord.model_validate(outcome["history"][-1]).vain
+    assert outcome["history"][-1].vain
 
 
 @pytest.mark.parametrize(

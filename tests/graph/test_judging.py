@@ -39,15 +39,15 @@ def audited(accepted: bool) -> dict[str, Any]:
 def test_a_program_that_keeps_its_tests_goes_to_the_audit(state: RunState, make_services: Make) -> None:
     services = make_services()
     update = run(run_tests, with_(state, audit=audited(False)), services)
-    assert update["report"]["outcome"] == "passed"
+    assert update["report"].outcome == "passed"
     assert not update["audit"]  # of the version before
-    assert kinds(services, "tests_run")[0].report == update["report"]
+    assert kinds(services, "tests_run")[0].report == update["report"].model_dump(mode="json")
     assert next_step_after_tests(with_(state, **update)) == "audit"
 
 
 def test_a_program_that_raises_is_a_report_and_no_exception(state: RunState, make_services: Make) -> None:
     update = run(run_tests, with_(state, simulation=RAISES), make_services())
-    assert (update["report"]["outcome"], update["report"]["raised_in"]) == ("failed", "simulation")
+    assert (update["report"].outcome, update["report"].raised_in) == ("failed", "simulation")
     assert next_step_after_tests(with_(state, **update)) == "fix"
 
 
@@ -64,7 +64,7 @@ def test_there_are_as_many_fixes_as_allowed(state: RunState, fixes: int, allowed
 def test_the_router_model_decides_and_its_reason_is_kept(state: RunState, make_services: Make, verdict: str) -> None:
     services = make_services(f"One is not two.\n```\n{verdict}\n```")
     update = run(decide_what_to_fix, with_(state, report=FAILED), services)
-    assert (update["decision"]["verdict"], update["decision"]["explanation"]) == (verdict, "One is not two.")
+    assert (update["decision"].verdict, update["decision"].explanation) == (verdict, "One is not two.")
     [decision] = kinds(services, "decision")
     assert (decision.verdict, decision.explanation) == (verdict, "One is not two.")
     assert read_routing_verdict(with_(state, **update)) == verdict
@@ -75,9 +75,9 @@ def test_the_router_model_decides_and_its_reason_is_kept(state: RunState, make_s
 def test_where_the_router_model_is_of_no_use_rules_decide_and_say_so(state: RunState, make_services: Make) -> None:
     services = make_services("I cannot say.", "I cannot say.", reply_retries=1)
     update = run(decide_what_to_fix, with_(state, report=PASSED, audit=audited(False)), services)
-    assert update["decision"]["verdict"] == "fix_code"
-    assert "rules" in update["decision"]["policy"]
-    assert "no usable reply" in update["decision"]["explanation"]
+    assert update["decision"].verdict == "fix_code"
+    assert "rules" in update["decision"].policy
+    assert "no usable reply" in update["decision"].explanation
 
 
 def test_after_the_audit_the_router_reads_its_findings(state: RunState, make_services: Make) -> None:
@@ -92,11 +92,11 @@ def test_the_audit_accepts_what_the_oracle_solves(state: RunState, make_services
     stale.parent.mkdir()
     stale.write_text("{}")
     update = run(audit_task, state, services)
-    assert update["audit"]["accepted"] is True, update["audit"]["findings"]
-    assert json.loads((services.folder / "audit.json").read_text()) == update["audit"]
+    assert update["audit"].accepted is True, update["audit"].findings
+    assert json.loads((services.folder / "audit.json").read_text()) == update["audit"].model_dump(mode="json")
     assert sorted(file.name for file in stale.parent.iterdir()) == ["seed_0.json", "seed_0.npz"]
     assert [event.check for event in kinds(services, "finding")] == [
-        one["check"] for one in update["audit"]["findings"]
+        finding.check for finding in update["audit"].findings
     ]
     assert [event.outcome for event in kinds(services, "rollout")] == ["success"]
 
@@ -109,7 +109,7 @@ def test_the_audit_accepts_what_the_oracle_solves(state: RunState, make_services
 def test_the_audit_rejects_by_name(state: RunState, make_services: Make, change: Any, check: str) -> None:
     services = make_services()
     update = run(audit_task, with_(state, **change), services)
-    assert update["audit"]["accepted"] is False
+    assert update["audit"].accepted is False
     assert check in {event.check for event in kinds(services, "finding") if not event.passed}
     assert next_step_after_audit(with_(state, **update)) == "fix"
 

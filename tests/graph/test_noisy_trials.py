@@ -27,6 +27,6 @@ def test_a_fifth_episode_runs_only_where_it_decides(
         return result
 
     monkeypatch.setattr(Services, "run_tool", fail_some)
-    report = run(audit_task, with_(state, tests=None), make_services())["audit"]
-    [finding] = [one for one in report["findings"] if one["check"] == "sure_hand"]
-    assert told in finding["measured"] and finding["passed"] == passed
+    report = run(audit_task, with_(state, tests=...), make_services())["audit"]
+    [finding] = [one for one in report.findings if one.check == "sure_hand"]
+    assert told in finding.measured and finding.passed == passed

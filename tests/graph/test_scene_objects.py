@@ -4,19 +4,15 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
 
-import cv2
 import pytest
 
-from grs_agents.agents.types import Description
-from grs_agents.graph.scene_object_building import MatchedCandidate, explain_why_no_scene_object, place_asset_or_proxy
-from grs_agents.graph.services import Photo, Services
+from grs_agents.graph.placement import explain_why_no_scene_object, place_asset_or_proxy
+from grs_agents.graph.services import Services
+from grs_agents.graph.table_object import TableObject
 from grs_agents.library.library import Library
-from grs_agents.library.shapes import quaternion_from_rpy
-from grs_agents.perception.settling.settling import PlacedObject
-from grs_agents.perception.types import CandidateRecord, MatchEvidence
-from tests.perception.settling.photo import photo_of
+from grs_agents.perception.types import MatchEvidence
 
-RECORD = CandidateRecord.model_validate(
+RECORD = TableObject.model_validate(
     {
         "id": 4,
         "mask": "scene/mask_04.png",
@@ -26,19 +22,20 @@ RECORD = CandidateRecord.model_validate(
         "color": (0.9, 0.9, 1.0),
         "shape": "box",
         "points": 900,
+        "description": {
+            "is_object": True,
+            "description": "a white carton",
+            "color": "white",
+            "shape": "box",
+            "category": "carton",
+        },
     }
 )
-WORDS = Description(is_object=True, description="a white carton", color="white", shape="box", category="carton")
 
 
-@pytest.fixture
-def photo(tmp_path: Path) -> Photo:
-    """A photo of a milk carton, with its mask in the run folder."""
-    milk = PlacedObject("HOPE/Milk.urdf", ((0.5, 0.1, 0.095), quaternion_from_rpy(0.0, 0.0, 0.3)))
-    frame, table, mask = photo_of([milk], Library())
-    (tmp_path / "scene").mkdir()
-    cv2.imwrite(str(tmp_path / RECORD.mask), mask.astype("uint8") * 255)
-    return frame, table
+def with_match(match: MatchEvidence | None) -> TableObject:
+    """The carton, matched."""
+    return RECORD.model_copy(update={"match": match})
 
 
 @pytest.fixture
@@ -47,18 +44,18 @@ def services(tmp_path: Path) -> Services:
     return cast(Services, SimpleNamespace(folder=tmp_path, library=Library()))
 
 
-def test_a_match_stands_where_the_photo_shows_it(services: Services, photo: Photo) -> None:
+def test_a_match_stands_where_the_photo_shows_it(services: Services) -> None:
     reply = MatchEvidence(match="asset", asset="HOPE/Milk.urdf", reason="size and colour", confidence=0.9)
-    found = place_asset_or_proxy(MatchedCandidate(RECORD, WORDS, reply), services, [], photo)
+    found = place_asset_or_proxy(with_match(reply), services, []).scene_object
     assert (found.name, found.asset, found.matched, found.reachable) == ("milk_1", "HOPE/Milk.urdf", True, True)
     assert found.position == pytest.approx((0.5, 0.1, 0.095), abs=0.002)
     assert found.evidence == "size and colour"
     assert found.match == reply
 
 
-def test_what_nothing_matches_becomes_a_proxy(services: Services, photo: Photo) -> None:
+def test_what_nothing_matches_becomes_a_proxy(services: Services) -> None:
     reply = MatchEvidence(match="no_asset", reason="nothing alike")
-    found = place_asset_or_proxy(MatchedCandidate(RECORD, WORDS, reply), services, ["white_carton_1"], photo)
+    found = place_asset_or_proxy(with_match(reply), services, ["white_carton_1"]).scene_object
     assert (found.name, found.asset, found.matched) == ("white_carton_2", "proxy/white_carton_2.urdf", False)
     assert found.size == pytest.approx((0.073, 0.072, 0.19))
     library = Library().copy_with_overlay_root(services.folder / "assets")
@@ -66,11 +63,9 @@ def test_what_nothing_matches_becomes_a_proxy(services: Services, photo: Photo) 
 
 
 def test_what_is_no_object_is_dropped_with_a_reason() -> None:
-    glare = WORDS.model_copy(update={"is_object": False, "description": "a glare"})
-    assert "glare" in explain_why_no_scene_object(MatchedCandidate(RECORD, glare, None))
-    assert "shadow" in explain_why_no_scene_object(
-        MatchedCandidate(RECORD, WORDS, MatchEvidence(match="no_object", reason="a shadow"))
-    )
-    lacking = MatchedCandidate(RECORD, WORDS, MatchEvidence(match="no_asset"))
+    glare = RECORD.described.model_copy(update={"is_object": False, "description": "a glare"})
+    assert "glare" in explain_why_no_scene_object(RECORD.model_copy(update={"description": glare}))
+    assert "shadow" in explain_why_no_scene_object(with_match(MatchEvidence(match="no_object", reason="a shadow")))
+    lacking = with_match(MatchEvidence(match="no_asset"))
     assert explain_why_no_scene_object(lacking) == ""
     assert "match.proxies" in explain_why_no_scene_object(lacking, proxies=False)

@@ -7,8 +7,7 @@ import pytest
 
 from grs_agents.base.config.schema import Config
 from grs_agents.graph.services import Services
-from grs_agents.perception.proxies.primitive_proxy import primitive_proxy
-from grs_agents.perception.proxies.proxy_writer import write_proxy
+from grs_agents.perception.proxies.proxy import primitive_proxy, write_proxy
 
 GRAY = (0.5, 0.5, 0.5)
 

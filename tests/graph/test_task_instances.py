@@ -22,7 +22,7 @@ CAMERA: dict[str, Any] = {"fx": 600.0, "fy": 610.0, "cx": 320.0, "cy": 241.0, "w
 POSE = transforms.pose_matrix(transforms.quaternion_to_matrix((0.9, -0.3, 0.1, 0.3)), np.array([-0.4, 0.1, 3.0]))
 FORGED = (
     """\
-from grs_agents.sim import instantiation
+from grs_agents.sim.cliport import instantiation
 from grs_agents.sim.instance.task_instance import InstanceCamera, InstanceLight, InstanceTable
 
 DESCRIBE = instantiation.describe_instance
@@ -45,9 +45,9 @@ instantiation.describe_instance = describe
 
 def scene_of(state: RunState, **changes: Any) -> SceneDescription:
     """The scene of three blocks, seen by a camera."""
-    frame = {**state["scene"]["frame"], "T_robot_cam": POSE.tolist()}
+    frame = {**dict(state["scene"].frame), "T_robot_cam": POSE.tolist()}
     return SceneDescription.model_validate(
-        {**state["scene"], "frame": frame, "camera": CAMERA, "table_color": (0.2, 0.3, 0.4), **changes}
+        {**dict(state["scene"]), "frame": frame, "camera": CAMERA, "table_color": (0.2, 0.3, 0.4), **changes}
     )
 
 
@@ -76,7 +76,7 @@ def test_a_program_says_nothing_of_what_trusted_code_names(state: RunState, make
 
 @pytest.mark.parametrize("origin", ["calibrated", "table_plane"])
 def test_a_camera_tells_whether_the_robot_stood_there(state: RunState, make_services: Make, origin: str) -> None:
-    frame = {**state["scene"]["frame"], "origin": origin}
+    frame = {**dict(state["scene"].frame), "origin": origin}
     camera = solve(make_services, SIMULATION, scene_of(state, frame=frame)).camera
     assert camera is not None and camera.robot_placed == (origin == "table_plane")
 

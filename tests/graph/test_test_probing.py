@@ -4,6 +4,7 @@ from typing import Any
 
 import pytest
 
+from grs_agents.audit.types import AuditFinding
 from grs_agents.graph.fix_history import describe_fix_history
 from grs_agents.graph.fixing import fix_tests
 from grs_agents.graph.judging import audit_task, decide_what_to_fix, run_tests
@@ -102,26 +103,26 @@ TWO_FACED = SIMULATION.replace("import numpy as np\n", "import sys\nimport numpy
 )
 
 
-def audit(state: RunState, make_services: Make, **changes: Any) -> dict[str, Any]:
+def audit(state: RunState, make_services: Make, **changes: Any) -> dict[str, AuditFinding]:
     """The findings on the tests, by check."""
     report = run(audit_task, with_(state, **changes), make_services())["audit"]
-    assert report["accepted"] == all(finding["passed"] for finding in report["findings"])
-    about = {one["check"]: one for one in report["findings"] if one["check"].startswith("tests_")}
-    assert about, [one for one in report["findings"] if not one["passed"]]
+    assert report.accepted == all(finding.passed for finding in report.findings)
+    about = {one.check: one for one in report.findings if one.check.startswith("tests_")}
+    assert about, [one for one in report.findings if not one.passed]
     return about
 
 
 def test_a_suite_with_teeth_passes(state: RunState, make_services: Make) -> None:
     findings = audit(state, make_services)
-    assert all(one["passed"] for one in findings.values()) and len(findings) == 3, findings
-    assert "5 of 5" in findings["tests_repeat"]["measured"]
-    assert "8 of 8 mutants" in findings["tests_have_teeth"]["measured"]
+    assert all(one.passed for one in findings.values()) and len(findings) == 3, findings
+    assert "5 of 5" in findings["tests_repeat"].measured
+    assert "8 of 8 mutants" in findings["tests_have_teeth"].measured
 
 
 def test_a_suite_that_only_looks_at_the_reward_has_no_teeth(state: RunState, make_services: Make) -> None:
     findings = audit(state, make_services, tests=BLIND)
-    assert [check for check, one in findings.items() if not one["passed"]] == ["tests_have_teeth"]
-    told = findings["tests_have_teeth"]["measured"]
+    assert [check for check, one in findings.items() if not one.passed] == ["tests_have_teeth"]
+    told = findings["tests_have_teeth"].measured
     assert "nothing asks for block/red_block.urdf #1 any more" in told
     assert "block/red_block.urdf stands where block/blue_block.urdf #2 should" in told
 
@@ -157,7 +158,7 @@ def test_what_a_suite_may_not_do_is_named(
     state: RunState, make_services: Make, changes: Any, check: str, told: str
 ) -> None:
     finding = audit(state, make_services, **changes)[check]
-    assert not finding["passed"] and told in finding["measured"], finding
+    assert not finding.passed and told in finding.measured, finding
 
 
 def test_findings_on_tests_alone_leave_the_tests_to_be_fixed(state: RunState, make_services: Make) -> None:
@@ -165,7 +166,7 @@ def test_findings_on_tests_alone_leave_the_tests_to_be_fixed(state: RunState, ma
     judged = with_(state, tests=BLIND, **run(run_tests, with_(state, tests=BLIND), services))
     audited = with_(judged, **run(audit_task, judged, services))
     routed = with_(audited, **run(decide_what_to_fix, audited, services))
-    assert routed["decision"]["verdict"] == "fix_test"
+    assert routed["decision"].verdict == "fix_test"
     fixed = with_(routed, **run(fix_tests, routed, services))
     lines = describe_fix_history(fixed)
     assert any(

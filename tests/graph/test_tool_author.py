@@ -13,9 +13,9 @@ from grs_agents.base.config.schema import ModelConfig
 from grs_agents.base.errors import ConfigError
 from grs_agents.base.trace.events import ProgramVersion, ToolCall
 from grs_agents.base.trace.log import read_events
+from grs_agents.graph.authoring import generate_sim_with_tools
 from grs_agents.graph.services import Services
 from grs_agents.graph.state import RunState
-from grs_agents.graph.tool_author.author import generate_sim_with_tools
 from grs_agents.views.common.event_steps import group_events_into_steps
 from grs_agents.views.common.step_text import iter_step_sections
 from tests.chat_server import Answer, Json, chat_server, completion

@@ -7,8 +7,7 @@ import pytest
 from grs_agents.base import content
 from grs_agents.base.errors import InputError, UnknownNameError
 from grs_agents.library.library import Library
-from grs_agents.perception.proxies.primitive_proxy import primitive_proxy
-from grs_agents.perception.proxies.proxy_writer import write_proxy
+from grs_agents.perception.proxies.proxy import primitive_proxy, write_proxy
 
 
 @pytest.fixture(scope="module")

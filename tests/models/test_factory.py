@@ -8,9 +8,9 @@ from langchain_core.messages import HumanMessage
 
 from grs_agents.base.config.schema import ModelConfig
 from grs_agents.base.errors import ConfigError, UnknownNameError
+from grs_agents.models.call import invoke_with_retries
 from grs_agents.models.factory import PROVIDERS, is_loopback_url, make_chat_model
 from grs_agents.models.offline.chat import OfflineChatModel
-from grs_agents.models.retry import invoke_with_retries
 from tests.models.conftest import Scripted
 from tests.needs import needs
 

@@ -17,8 +17,8 @@ from langchain_core.messages import HumanMessage
 
 from grs_agents.base.config.schema import ModelConfig
 from grs_agents.models.answer import Answer, ProviderFailure, ReplyProblem
+from grs_agents.models.call import Retries, invoke_with_retries
 from grs_agents.models.factory import PROVIDERS, make_chat_model
-from grs_agents.models.retry import Retries, invoke_with_retries
 from tests.needs import needs
 
 Json = dict[str, Any]

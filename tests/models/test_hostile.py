@@ -15,9 +15,8 @@ from grs_agents.base.config.load import load_config
 from grs_agents.base.config.schema import ModelConfig
 from grs_agents.base.errors import GrsError
 from grs_agents.models.answer import Answer, ProviderFailure, ReplyProblem
+from grs_agents.models.call import LONGEST, Retries, invoke_with_retries
 from grs_agents.models.factory import make_chat_model
-from grs_agents.models.reply_limits import LONGEST
-from grs_agents.models.retry import Retries, invoke_with_retries
 from tests.needs import needs
 
 pytestmark = needs("langchain_openai")

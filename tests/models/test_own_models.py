@@ -16,8 +16,8 @@ from grs_agents.base.errors import ConfigError, UnknownNameError
 from grs_agents.base.trace.events import Note, Reply
 from grs_agents.base.trace.log import EventLog, read_events
 from grs_agents.models.answer import Answer, ProviderFailure
+from grs_agents.models.call import invoke_with_retries
 from grs_agents.models.factory import make_chat_model, make_retries
-from grs_agents.models.retry import invoke_with_retries
 from tests.models.conftest import Scripted
 from tests.needs import needs
 from tests.scripted import scripted

@@ -11,7 +11,7 @@ import pytest
 import requests
 
 from grs_agents.models.answer import Answer, ProviderFailure
-from grs_agents.models.reply_limits import ModelHttpCall, call_with_timeout, limit_and_record_http_client
+from grs_agents.models.call import ModelHttpCall, call_with_timeout, limit_and_record_http_client
 from tests.models.test_failures import CLIENTS, PATHS, ask, credentials, reply
 
 __all__ = ["credentials"]

@@ -8,8 +8,8 @@ from langchain_core.messages import HumanMessage
 from grs_agents.base.config.schema import ModelConfig
 from grs_agents.base.errors import GrsError
 from grs_agents.models.answer import Answer, ProviderFailure, ReplyProblem
+from grs_agents.models.call import Retries, invoke_with_retries
 from grs_agents.models.factory import make_chat_model
-from grs_agents.models.retry import Retries, invoke_with_retries
 from tests.models.conftest import Scripted
 
 FAILURE = {"error": {"message": "told so", "type": "api_error", "code": None}}

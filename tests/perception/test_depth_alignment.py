@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grs_agents.perception.depth_alignment import describe_depth_shift, measure_depth_shift
+from grs_agents.perception.depth_quality import describe_depth_shift, measure_depth_shift
 from grs_agents.perception.reading.scene_source import read_scene
 from grs_agents.perception.types import RGBDFrame
 from tests.perception import room

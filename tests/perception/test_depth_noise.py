@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from grs_agents.perception.depth_noise import measure_depth_noise, smooth_depth_noise
+from grs_agents.perception.depth_quality import measure_depth_noise, smooth_depth_noise
 from grs_agents.perception.segmentation.segmentation import segment_objects_on_table
 from grs_agents.perception.table_finding import find_table
 from tests.perception import room

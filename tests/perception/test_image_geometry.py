@@ -16,7 +16,7 @@ from grs_agents.perception.image_geometry import (
     points_in_hull_mask,
     values_in_mask,
 )
-from grs_agents.perception.segmentation.hollow_shapes import is_open_at_top, is_solid_object
+from grs_agents.perception.segmentation.footprints import is_open_at_top, is_solid_object
 
 POINTS = arrays.arrays(np.float64, st.tuples(st.integers(3, 40), st.just(2)), elements=st.floats(-1, 1, width=32))
 

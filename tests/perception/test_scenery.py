@@ -11,15 +11,15 @@ import pytest
 from grs_agents.base.errors import InputError
 from grs_agents.library.library import Library
 from grs_agents.perception.bin_walls.bin_walls import find_bin_walls
-from grs_agents.perception.bin_walls.seen_walls import SeenWalls
+from grs_agents.perception.bin_walls.walls import SeenWalls
+from grs_agents.perception.object_finding import separate_scenery_from_objects
 from grs_agents.perception.robot_pixels import require_joints_within_limits, robot_pixel_mask
-from grs_agents.perception.scenery import separate_scenery_from_objects
 from grs_agents.perception.segmentation.candidates import measure_candidates
 from grs_agents.perception.table_finding import find_table, robot_frame_point_map
 from grs_agents.perception.types import RGBDFrame
 from grs_agents.sim.arms.registry import get_arm
-from grs_agents.sim.rendering.plain_pictures import render_along_rays
-from grs_agents.sim.rendering.views import VisibleScene
+from grs_agents.sim.rendering.cameras import VisibleScene
+from grs_agents.sim.rendering.pictures import render_along_rays
 from tests.perception import room
 
 HOME = tuple(float(joint) for joint in get_arm().home_joints)

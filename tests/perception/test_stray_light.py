@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from grs_agents.perception.stray_light import measure_stray_light, remove_stray_light
+from grs_agents.perception.depth_quality import measure_stray_light, remove_stray_light
 from grs_agents.perception.table_finding import find_table, robot_frame_point_map
 from grs_agents.perception.types import RGBDFrame
 from tests.perception import room

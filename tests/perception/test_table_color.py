@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from grs_agents.perception.table_color import measure_table_color
+from grs_agents.perception.table_appearance import measure_table_color
 from grs_agents.perception.table_finding import find_table
 from tests.perception.conftest import Rendered
 

@@ -10,12 +10,12 @@ import pytest
 
 from grs_agents.library.asset_rendering import Lens
 from grs_agents.library.library import Library
+from grs_agents.perception.table_appearance import write_table_texture
 from grs_agents.perception.table_finding import find_table, robot_frame_point_map
-from grs_agents.perception.table_texture import write_table_texture
 from grs_agents.perception.types import RGBDFrame, TableFrame
 from grs_agents.sim.instance.task_instance import InstanceTable
+from grs_agents.sim.rendering.pictures import render_from_camera
 from grs_agents.sim.rendering.stage import Props
-from grs_agents.sim.rendering.textured_pictures import render_from_camera
 from grs_agents.sim.world.appearance import TABLE_CENTER, TABLE_SIDE
 from tests.perception.conftest import Rendered
 

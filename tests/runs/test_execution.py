@@ -18,7 +18,7 @@ from grs_agents.base.trace.events import RunEnded, RunStarted
 from grs_agents.base.trace.log import EventLog, read_events
 from grs_agents.runs.execution import Outcome, UnexpectedError, execute_run
 from grs_agents.runs.record import read_record
-from grs_agents.runs.run_opening import Order
+from grs_agents.runs.run_opening import RunOrder
 from tests.kept_sandbox import lend_sandbox
 
 GRAPH = """\
@@ -79,7 +79,7 @@ def run(tmp_path: Path, sample_scene: Path, monkeypatch: pytest.MonkeyPatch) -> 
         if body:
             (tmp_path / "graphs" / "mine.py").write_text(GRAPH.format(body=body, then=then))
         config = EffectiveConfig(Config(graph="mine", **settings))
-        return execute_run(Order("run", sample_scene, config, tmp_path / "run", resume=resume, reply=reply), views)
+        return execute_run(RunOrder("run", sample_scene, config, tmp_path / "run", resume=resume, reply=reply), views)
 
     return execute_it
 

@@ -14,7 +14,7 @@ from grs_agents.base.errors import ConfigError
 from grs_agents.runs.execution import Outcome, execute_run
 from grs_agents.runs.graph_loading import compile_graph
 from grs_agents.runs.record import read_record
-from grs_agents.runs.run_opening import Order
+from grs_agents.runs.run_opening import RunOrder
 from tests.kept_sandbox import lend_sandbox
 
 HEAD = """\
@@ -46,7 +46,7 @@ def run(tmp_path: Path, sample_scene: Path, monkeypatch: pytest.MonkeyPatch) -> 
     def run_graph(body: str = "", reply: str | None = None) -> Outcome:
         if body:
             (tmp_path / "graphs" / "mine.py").write_text(HEAD + body)
-        order = Order(
+        order = RunOrder(
             "run", sample_scene, EffectiveConfig(Config(graph="mine")), tmp_path / "run", resume=not body, reply=reply
         )
         return execute_run(order, lambda folder, log: nullcontext())

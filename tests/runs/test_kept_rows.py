@@ -7,7 +7,7 @@ import pytest
 from grs_agents.base import Frozen
 from grs_agents.base.config.load import load_config
 from grs_agents.base.errors import InputError
-from grs_agents.runs.kept_rows import open_stored_rows
+from grs_agents.runs.experiment_run import open_stored_rows
 
 
 class Row(Frozen):

@@ -37,7 +37,7 @@ def test_seconds_are_summed_over_visits() -> None:
 
 def test_counts() -> None:
     state = {
-        "candidates": [{}, {}, {}],
+        "objects": [{}, {}, {}],
         "scene": {"objects": [{"matched": True, "reachable": True}, {"matched": False, "reachable": True}]},
         "task": {"assets-used": ["a"]},
         "audit": {"rollouts": [{"moved": ["a", "b"]}, {"moved": ["a"]}]},

@@ -6,13 +6,13 @@ import sys
 from collections.abc import Iterator
 
 import pytest
-from langgraph.checkpoint.serde.jsonplus import JsonPlusSerializer
 
 from grs_agents.base.config.schema import Limits
 from grs_agents.base.trace.events import TestsRun
 from grs_agents.base.trace.log import EventLog
 from grs_agents.graph.evidence import render_evidence
 from grs_agents.library.library import Library
+from grs_agents.runs.checkpoint import RecordSerializer
 from grs_agents.sandbox.host.sandbox import Sandbox
 from grs_agents.toolkit import ToolContext, load_tool
 from tests.sandbox.hostile import TESTS, hostile
@@ -54,8 +54,8 @@ def test_hostile_messages_become_reports(
             kinds.add(report.outcome)
             plain = report.model_dump(mode="json")
             log.append(TestsRun(report=plain))
-            checkpoint = JsonPlusSerializer()
-            assert checkpoint.loads_typed(checkpoint.dumps_typed(plain)) == plain
+            checkpoint = RecordSerializer()
+            assert checkpoint.loads_typed(checkpoint.dumps_typed(report)).model_dump(mode="json") == plain
             assert len(render_evidence(report)) < 1 << 20
             result = instances.run(instances.Request(simulation=program.source, seeds=(0, 1)), context)
             assert len(result.instances) + len(result.failures) == 2

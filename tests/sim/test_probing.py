@@ -1,9 +1,13 @@
 """An episode from memory is the episode itself, to the last bit."""
 
-from typing import cast
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, cast
 
 import numpy as np
+import pytest
 
+from grs_agents.base import Pose
 from grs_agents.library.library import Library
 from grs_agents.sim import (
     Environment,
@@ -13,8 +17,10 @@ from grs_agents.sim import (
     Task,
     TaskInstance,
     instantiate,
+    rollout,
     run_oracle,
 )
+from grs_agents.sim.tabletop_episode import TabletopEpisode
 from grs_agents.sim.world.spec import fill_in_masses_and_frictions
 
 FLAT = (0.0, 0.0, 0.0, 1.0)
@@ -92,3 +98,65 @@ def test_tests_that_play_the_same_episode_simulate_it_once() -> None:
         Environment.witness = None
     assert [env.current_episode for env in seen] == [plain.current_episode] * 2
     assert [env.budget.left for env in seen] == [plain.budget.left] * 2
+
+
+class _Teleport:
+    """A hand that carries objects without the robot."""
+
+    tool = "suction"
+
+    def act(self, sim: Any, start: Pose, end: Pose) -> Any: ...
+
+
+def _replace_hand(env: Environment, patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(env, "end_effector", _Teleport())
+
+
+def _replace_step(env: Environment, patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(TabletopEpisode, "step", lambda self, action=None: (None, 1.0, True, {}))
+
+
+def _replace_act(env: Environment, patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(env.end_effector, "act", _Teleport().act, raising=False)
+
+
+@pytest.mark.parametrize(
+    ("replace", "name"),
+    [
+        (_replace_hand, "Environment.end_effector"),
+        (_replace_step, "TabletopEpisode.step"),
+        (_replace_act, "SuctionCup.act"),
+    ],
+)
+def test_a_replaced_hand_or_episode_is_reported(
+    replace: Callable[[Environment, pytest.MonkeyPatch], None], name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    instance = instantiate(TwoBlocks(), 3, Library())
+    probe = Probe(instance, None, 1, False, EpisodeMemory())
+    env = play(instance, probe)
+    replace(env, monkeypatch)
+    with suppress(Exception):  # the replacement is no part of the runtime
+        monkeypatch.setattr(Environment, "witness", probe)
+        env.step(None)
+    assert probe.finish_and_report()["replaced"] == name
+
+
+def test_a_program_cannot_change_the_surroundings_of_the_process() -> None:
+    context: Any = Environment(task=TwoBlocks()).context
+    with pytest.raises(AttributeError):
+        context.bystanders = ()
+
+
+def test_a_rollout_is_seen_by_the_witness() -> None:
+    library = Library()
+    instance = fill_in_masses_and_frictions(instantiate(TwoBlocks(), 3, library), library)
+    probe = Probe(instance, None, 1, False, EpisodeMemory())
+    Environment.witness = probe
+    try:
+        probe.begin_test()
+        assert rollout(instance).reward == 1.0
+    finally:
+        Environment.witness = None
+    assert (
+        probe.finish_and_report()["difference"] == "objects, max_steps"
+    )  # the last episode was that of the idle robot

@@ -10,7 +10,7 @@ from grs_agents.base.files import write_json
 from grs_agents.sim import hash_instance, instantiate
 from grs_agents.sim.variation.types import Variation
 from grs_agents.tasks.task_folder import open_task_folder
-from grs_agents.tasks.varied_instances import Manifest, make_varied_instances
+from grs_agents.tasks.varied_instances import VariationManifest, make_varied_instances
 from tests.cli.command import grs
 from tests.sim.sim_scenes import Scripted, at, pose_goal
 
@@ -41,7 +41,7 @@ def test_instances_are_a_folder_like_a_runs_with_a_manifest(run: Path, tmp_path:
         assert instance.seed == one.seed
         assert hash_instance(instance) == one.hash
     assert len({one.hash for one in made.instances}) == 4
-    assert made == Manifest.model_validate_json((tmp_path / "out" / "manifest.json").read_bytes())
+    assert made == VariationManifest.model_validate_json((tmp_path / "out" / "manifest.json").read_bytes())
 
 
 def test_what_is_there_is_kept_and_the_rest_is_made(run: Path, tmp_path: Path) -> None:

@@ -148,7 +148,7 @@ def test_a_limit_that_was_reached_fails_the_seed_though_the_program_caught_it(
 
 @pytest.mark.parametrize(("objects", "count"), [(2, 1), (1, 0)])
 def test_the_host_counts_the_objects(objects: int, count: int, context: ToolContext, simulation: str) -> None:
-    cheat = "\nfrom grs_agents.sim.world import budget as allowance\nallowance.check_object_count = print\n"
+    cheat = "\nfrom grs_agents.sim import tabletop\ntabletop.check_object_count = print\n"
     result = draw(context, simulation + cheat, (0,), objects=objects)
     assert len(result.instances) == count
     assert [failure.outcome for failure in result.failures] == ["invalid"] * (1 - count)

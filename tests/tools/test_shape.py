@@ -14,17 +14,15 @@ import trimesh
 from grs_agents.base import content
 from grs_agents.base.errors import InputError
 from grs_agents.base.geometry.transforms import rotation_about_z
-from grs_agents.graph.scene_object_building import reconstruct_proxy
+from grs_agents.graph.placement import reconstruct_proxy
 from grs_agents.graph.services import Photo, Services
 from grs_agents.library.importing.types import UP_TO_Z
 from grs_agents.library.library import Library
-from grs_agents.perception.proxies.primitive_proxy import Proxy
-from grs_agents.perception.proxies.proxy_writer import write_proxy
+from grs_agents.perception.proxies.proxy import Proxy, write_proxy
 from grs_agents.perception.settling.settling import PlacedObject
 from grs_agents.perception.shapes.colliders import Hull
 from grs_agents.perception.shapes.mesh_file import MeshFile, fit_mesh_file
-from grs_agents.perception.shapes.types import ObjectView, TexturedMesh
-from grs_agents.perception.shapes.view import make_object_view
+from grs_agents.perception.shapes.types import ObjectMesh, ObjectView, make_object_view
 from grs_agents.perception.types import Aabb, CandidateRecord, Mask, UprightBox
 from grs_agents.toolkit import ToolContext, load_tool
 from tests.perception.settling.photo import photo_of
@@ -70,7 +68,7 @@ def seen(tmp_path: Path) -> tuple[Photo, Mask, ObjectView]:
     """The thing in a photo."""
     mesh = angle()
     vertices = np.asarray(mesh.vertices, np.float64)
-    look = TexturedMesh(
+    look = ObjectMesh(
         vertices, np.asarray(mesh.faces, np.int64), np.zeros((16, 2)), np.full((4, 4, 3), (200, 30, 30), np.uint8)
     )
     write_proxy(tmp_path, "angle", Proxy(look, (Hull(vertices[:8]), Hull(vertices[8:])), False, RED), "a thing")

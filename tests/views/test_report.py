@@ -72,7 +72,7 @@ def made(tmp_path_factory: pytest.TempPathFactory, library: Library) -> str:
         Finding(check=HOSTILE, passed=False, measured=HOSTILE, bound=HOSTILE),
     )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(rollout_film, "_rendering_backends", lambda: ("rays",))
+        patch.setattr(rollout_film, "_BACKENDS", ("rays",))
         patch.setattr(report_pictures, "FILM_RATE", 1.0)
         return render_html_report(RECORD, read_events(run.log.path), Sources(run.folder, library))
 
@@ -129,7 +129,7 @@ def test_what_failed_has_the_colour_of_failure_and_what_passed_has_not(made: str
 def test_the_simulated_view_holds_the_task_in_its_colours(
     script: Callable[[], Any], library: Library, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rollout_film, "_rendering_backends", lambda: ("rays",))
+    monkeypatch.setattr(rollout_film, "_BACKENDS", ("rays",))
     monkeypatch.setattr(report_pictures, "FILM_RATE", 1.0)
     run = script()
     run.before_fix()
@@ -175,7 +175,7 @@ def test_nothing_hostile_gets_through_and_nothing_is_fetched(made: str) -> None:
 def test_what_cannot_be_drawn_is_said_and_the_page_stays_whole(
     script: Callable[[], Any], library: Library, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rollout_film, "_rendering_backends", lambda: ("rays",))
+    monkeypatch.setattr(rollout_film, "_BACKENDS", ("rays",))
     run = script()
     run.before_fix()
     run.after_fix()

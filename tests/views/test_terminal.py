@@ -10,7 +10,7 @@ from typing import Any
 from rich.console import Console
 
 from grs_agents.base.trace.events import NodeStarted, Note
-from grs_agents.views.terminal import Progress, summary_table
+from grs_agents.views.terminal import ProgressView, summary_table
 
 
 def console(terminal: bool) -> Console:
@@ -26,7 +26,7 @@ def text_of(target: Console) -> str:
 
 def test_without_a_terminal_each_node_is_one_line(script: Callable[[], Any]) -> None:
     run, target = script(), console(terminal=False)
-    with Progress(target) as progress:
+    with ProgressView(target) as progress:
         run.log.subscribe(progress)
         run.before_fix()
         run.after_fix()
@@ -38,7 +38,7 @@ def test_without_a_terminal_each_node_is_one_line(script: Callable[[], Any]) -> 
 
 def test_a_terminal_shows_nodes_visits_and_the_verdict(script: Callable[[], Any]) -> None:
     run, target = script(), console(terminal=True)
-    with Progress(target) as progress:
+    with ProgressView(target) as progress:
         run.log.subscribe(progress)
         run.before_fix()
         run.after_fix()
@@ -50,7 +50,7 @@ def test_a_terminal_shows_nodes_visits_and_the_verdict(script: Callable[[], Any]
 
 def test_a_running_node_and_the_last_decision_show() -> None:
     target = console(terminal=True)
-    with Progress(target) as progress:
+    with ProgressView(target) as progress:
         progress(NodeStarted(node="audit", attempt=2))
         progress(Note(level="warning", text="[red]markup\x1b[2J"))
     assert "audit" in text_of(target)

@@ -1,4 +1,4 @@
-"""What three kinds of depth camera make of a perfect picture: time of flight, structured light, stereo."""
+"""Noise models of three kinds of depth camera: time of flight, structured light, stereo."""
 
 from collections.abc import Callable
 from typing import Literal

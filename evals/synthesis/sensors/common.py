@@ -1,4 +1,4 @@
-"""What depth cameras have in common: noise that is smooth over a window, edges, and what a second eye cannot see."""
+"""Common parts of depth noise: noise correlated over a window, edges, and occlusion in a second view."""
 
 import cv2
 import numpy as np
@@ -28,11 +28,11 @@ def depth_edges(depth: Floats, step: float) -> Bools:
 
 
 def occluded_from_second_eye(disparity: Floats, slack: float = 1.5) -> Bools:
-    """(H, W) pixels that a second eye beside the camera does not see, because something nearer is in the way.
+    """Returns: mask (H, W) of pixels occluded in a second view beside the camera.
 
     Args:
-        disparity: (H, W) how many columns further left the second eye sees each pixel.
-        slack: by how much (pixels) the disparity of what is in the way is larger.
+        disparity: (H, W) shift of each pixel to the left in the second view, columns.
+        slack: least difference of the disparity of an occluder, pixels.
     """
     height, width = disparity.shape
     columns = np.arange(width, dtype=np.float64) - disparity
@@ -46,16 +46,16 @@ def occluded_from_second_eye(disparity: Floats, slack: float = 1.5) -> Bools:
 
 
 def returned_light(seen: PerfectImage) -> Floats:
-    """(H, W) how much of a light beside the camera comes back: 1 from a white wall at 1 m seen straight on.
+    """Returned share (H, W) of a light beside the camera: 1 from a white wall at 1 m seen frontally.
 
-    A mirroring thing throws most of it elsewhere, unless it faces the camera.
+    A specular object deflects most of it, unless it faces the camera.
     """
     mirrored = np.where(seen.shiny, np.where(seen.cosine > 0.98, 6.0, 0.25), 1.0)
     return seen.albedo * seen.cosine * mirrored / np.maximum(seen.depth, 0.2) ** 2
 
 
 def frayed_outlines(picture: Floats, deviation: float, width: float, rng: np.random.Generator) -> Floats:
-    """The picture (H, W) with its outlines frayed: each pixel shows one that is ``deviation`` pixels off."""
+    """The picture (H, W) with frayed outlines: each pixel takes the value ``deviation`` pixels off."""
     rows, columns = np.indices(picture.shape)
     shift = [smooth_noise(picture.shape, width, rng) * deviation for _ in range(2)]
     row = np.clip(np.rint(rows + shift[0]).astype(np.int64), 0, picture.shape[0] - 1)

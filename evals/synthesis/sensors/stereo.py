@@ -26,7 +26,7 @@ STEP = 1 / 32
 DEVIATION = 0.08
 """Of the disparity, pixels, where there is texture."""
 FAT = 2
-"""Outlines grow by so many pixels where nothing in the background holds them."""
+"""Growth of outlines over a background without texture, pixels."""
 NEAREST, FARTHEST = 0.2, 6.0
 _WINDOW = 2.5
 _TEXTURE = 0.012

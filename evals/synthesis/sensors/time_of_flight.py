@@ -16,14 +16,15 @@ from evals.synthesis.sensors.common import depth_edges, returned_light
 from grs_agents.perception.types import Camera
 
 DEVIATION = 0.001
-"""Of the distance to a grey surface (albedo 0.5) at 1 m, metres; it goes with one over the root of the light."""
+"""Deviation of the distance to a grey surface (albedo 0.5) at 1 m, metres; inversely proportional to the root of the
+light."""
 CYCLE, WAVE = 0.0015, 0.30
 """Height (m) of the cyclic error, and the distance (m) after which it repeats."""
 STRAY = 0.012
 """Share of the light at a pixel that comes from its surroundings, by other paths or scattered in the lens."""
 _AROUND = 14.0
 _BLUR = 0.55
-"""A pixel sees what is within about this many pixels: at an outline it mixes two depths."""
+"""Radius in which a pixel collects light, pixels: at an outline it mixes two depths."""
 _KEPT_FLYING = 0.35
 _FAINT, _GLARE = 0.02, 2.5
 NEAREST, FARTHEST = 0.25, 5.0

@@ -1,3 +1,3 @@
-"""Configuration: one TOML file, ``--set`` and the environment become one frozen ``Config``."""
+"""Configuration: a TOML file, ``--set`` and the environment become a frozen ``Config``."""
 
 from grs_agents.base.config.schema import Limits as Limits

@@ -1,4 +1,4 @@
-"""Merge defaults, environment, file and ``--set`` into one ``Config`` that knows where each value came from."""
+"""Merge defaults, environment, file and ``--set`` into a ``Config`` that knows the source of each value."""
 
 import os
 import tomllib
@@ -30,7 +30,7 @@ class EffectiveConfig:
     sources: Mapping[str, str] = field(default_factory=dict[str, str])
 
     def states(self, key: str) -> bool:
-        """Whether the user states ``key``, or a key below it, for this command: not a default, nor the environment."""
+        """True if the user states ``key``, or a key below it, for this command: not by a default or the environment."""
         below = (source for name, source in self.sources.items() if name == key or name.startswith(f"{key}."))
         return any(source != "default" and not source.startswith("environment ") for source in below)
 
@@ -47,7 +47,7 @@ def load_config(
     Args:
         file: a TOML file.
         settings: ``key.sub=value`` strings; values are TOML, a bare word is a string.
-        environment: where ``GRS_KEY__SUB`` variables are looked up; the process's own by default.
+        environment: of ``GRS_KEY__SUB`` variables; that of the process by default.
         unsafe: run generated code without a sandbox; no other layer can ask for that.
         overrides: settings as Python values, nested by key; they win over all others.
 
@@ -59,8 +59,13 @@ def load_config(
     from_file = [(f"file {file}", _read_toml_file(file))] if file else []
     from_settings = [("--set", _parse_setting(text)) for text in settings]
     from_python = [("argument", overrides)] if overrides else []
-    for layer in (_read_environment_layers(environment), from_file, from_settings, from_python):
-        stated: Tree = {}  # a layer as a whole: base_url may stand before or after the model it belongs to
+    layers: list[tuple[str, Tree]] = []
+    for name, value in sorted((os.environ if environment is None else environment).items()):
+        if name.startswith(ENVIRONMENT_PREFIX) and name != ENVIRONMENT_PREFIX:
+            dotted = name.removeprefix(ENVIRONMENT_PREFIX).lower().split("__")
+            layers.append((f"environment {name}", nest_under_keys(dotted, _parse_toml_value(value))))
+    for layer in (layers, from_file, from_settings, from_python):
+        stated: Tree = {}  # merged as a whole: base_url may precede or follow its model
         named: dict[str, str] = {}
         for source, part in layer:
             expanded = _expand_model_shorthands(part)
@@ -77,15 +82,6 @@ def load_config(
     elif tree["sandbox"] == "none":
         raise ConfigError(f"sandbox = 'none' from {sources['sandbox']}", f"give {UNSAFE} on the command line instead")
     return EffectiveConfig(validate_config(tree), sources)
-
-
-def _read_environment_layers(environment: Mapping[str, str] | None) -> list[tuple[str, Tree]]:
-    layers: list[tuple[str, Tree]] = []
-    for name, value in sorted((os.environ if environment is None else environment).items()):
-        if name.startswith(ENVIRONMENT_PREFIX) and name != ENVIRONMENT_PREFIX:
-            dotted = name.removeprefix(ENVIRONMENT_PREFIX).lower().split("__")
-            layers.append((f"environment {name}", nest_under_keys(dotted, _parse_toml_value(value))))
-    return layers
 
 
 def _read_toml_file(file: Path) -> Tree:
@@ -139,7 +135,7 @@ def _expand_model_shorthands(layer: Tree) -> Tree:
 
 
 def merge_trees(below: Tree, above: Tree) -> Tree:
-    """The values of both; those of ``above`` win."""
+    """The values of both; ``above`` wins."""
     merged = dict(below)
     for key, value in above.items():
         old = merged.get(key)
@@ -166,7 +162,7 @@ def validate_config(tree: Tree) -> Config:
     """A whole configuration, as ``Config.model_dump`` gives it, checked.
 
     Raises:
-        ConfigError: an unknown key or a value out of bounds; what may hold a secret is not repeated.
+        ConfigError: an unknown key or a value out of bounds; possible secrets are not repeated.
     """
     try:
         return Config.model_validate(tree)

@@ -33,7 +33,7 @@ _OF_THIS_MACHINE: Final = frozenset({"sandbox", "workers"})
 _MODEL_DEFAULTS: Final = {**ModelConfig(model="offline").model_dump(mode="json"), "model": None}
 """Settings of a role that no error lists."""
 _MOST_LISTED: Final = 8
-"""Settings in one error."""
+"""Most settings that an error lists."""
 
 
 @cache
@@ -68,7 +68,7 @@ class RecordedConfig(RootModel[dict[str, JsonValue]]):
         return cls(config.model_dump(mode="json"))
 
     def as_json(self) -> dict[str, Any]:
-        """The settings as they stand in the file, to be shown or written."""
+        """The settings as in the file, to be shown or written."""
         return dict(self.root)
 
     def select_portable(self) -> dict[str, Any]:
@@ -120,19 +120,22 @@ class RecordedConfig(RootModel[dict[str, JsonValue]]):
         }
         config = self.over(local.config, offline)
         result = flatten_tree(config.model_dump(mode="json"))
-        asked = [
+        differing = [
             key
             for key, value in recorded.items()
             if (key in result or key.startswith("models.")) and result.get(key) != value
-            if key not in _OF_THIS_MACHINE and not local.states(key) and not _is_of_stated_role(key, local)
+            if key not in _OF_THIS_MACHINE and not local.states(key)
+            # a new model has no setting of the old model
+            if not (key.startswith("models.") and local.states(".".join(key.split(".")[:2])))
             if key in result or value != _MODEL_DEFAULTS.get(key.rpartition(".")[2], ...)
         ]
-        if asked:
-            listing = ", ".join(f"{key} = {reprlib.repr(recorded[key])}" for key in asked[:_MOST_LISTED])
-            listing += f" and {len(asked) - _MOST_LISTED} more" if len(asked) > _MOST_LISTED else ""
+        if differing:
+            listing = ", ".join(f"{key} = {reprlib.repr(recorded[key])}" for key in differing[:_MOST_LISTED])
+            listing += f" and {len(differing) - _MOST_LISTED} more" if len(differing) > _MOST_LISTED else ""
+            which = "it" if len(differing) == 1 else "each"
             raise ConfigError(
                 f"the run was made with {listing}, which a run folder cannot choose",
-                f"state {'it' if len(asked) == 1 else 'each'} again, or what you want instead: --set {asked[0]}=...",
+                f"state {which} again, or what you want instead: --set {differing[0]}=...",
             )
         return config
 
@@ -167,14 +170,8 @@ def _format_toml(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def _is_of_stated_role(key: str, local: EffectiveConfig) -> bool:
-    """Whether ``key`` belongs to a role whose model the user states: a new model has no setting of the old one."""
-    kind, _, rest = key.partition(".")
-    return kind == "models" and local.states(f"models.{rest.partition('.')[0]}")
-
-
 def _is_plain(value: Any, pattern: re.Pattern[str]) -> bool:
-    """Whether a value holds no text but such that match ``pattern`` whole."""
+    """True if all texts in a value match ``pattern`` whole."""
     if isinstance(value, list | tuple):
         return all(_is_plain(item, pattern) for item in cast("list[Any]", value))
     return not isinstance(value, str) or pattern.fullmatch(value) is not None

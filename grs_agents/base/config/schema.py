@@ -1,6 +1,6 @@
 """The configuration's types: frozen, every key known, every bound stated.
 
-``Limits``, what one sandbox call may cost, is the one definition that configuration, sandbox and simulation share.
+Configuration, sandbox and simulation share ``Limits``, the bounds on the cost of a sandbox call.
 """
 
 import json
@@ -16,13 +16,13 @@ from grs_agents.base import Frozen
 @dataclass(frozen=True)
 class Portable:
     """Marks a setting that a run folder or a cassette may bring along. All others come from the user of this machine:
-    files, code, endpoints, models, and shares of the machine. ``pattern`` is what its texts must match whole."""
+    files, code, endpoints, models, and shares of the machine. Its texts must match ``pattern`` whole."""
 
     pattern: str = r"[A-Za-z0-9_-]{1,64}"
 
 
 class Limits(Frozen):
-    """What one call may cost; each limit that is reached has an outcome of its own.
+    """Bounds on the cost of a call; each bound has an outcome of its own.
 
     A call is all tests of a file, or all seeds of an instantiation. The sandbox keeps the first six, whatever the code
     in it does. The simulation keeps the last three: they end a program that asks for too much with an error that says
@@ -33,7 +33,7 @@ class Limits(Frozen):
     wall_seconds: float = Field(default=60, gt=0, le=3600)
     # processor time of the worker process, kept by the kernel (whole seconds, rounded up)
     cpu_seconds: float = Field(default=50, gt=0, le=3600)
-    memory_mib: int = Field(default=1024, ge=64, le=65536)  # address space on top of what a fresh worker holds
+    memory_mib: int = Field(default=1024, ge=64, le=65536)  # address space on top of that of a fresh worker
     scratch_mib: int = Field(default=64, ge=1, le=4096)  # everything in the worker's scratch folder
     # everything the worker writes: standard output, progress and result together
     output_mib: int = Field(default=8, ge=1, le=256)
@@ -53,18 +53,18 @@ ROLE_ALIASES = {"router": "route", "describer": "describe", "matcher": "match", 
 
 
 class ModelChoice(Frozen):
-    """One chat model, and how it is made and asked."""
+    """A chat model, and how it is made and asked."""
 
-    # `offline`; `provider:name` (a provider that `init_chat_model` knows, azure, bedrock or google); a class of one's
-    # own (`package.module:Class`); or an entry point in the group `grs_agents.models`
+    # `offline`; `provider:name` (a provider that `init_chat_model` knows, azure, bedrock or google); a class of the
+    # user's (`package.module:Class`); or an entry point in the group `grs_agents.models`
     model: str
     base_url: str | None = None  # another endpoint that speaks the provider's protocol
     key_variable: str | None = None  # the NAME of the environment variable that holds the key, never the key
-    temperature: float | None = Field(default=None, ge=0, le=2)  # passed on where given
-    # seconds for one reply, from the first request to its last byte, all tries and the waits between them together
+    temperature: float | None = Field(default=None, ge=0, le=2)  # passed on if given
+    # seconds for a reply, from the first request to its last byte, including retries and the waits between them
     timeout: float = Field(default=300.0, gt=0)
     max_tokens: int | None = Field(default=None, gt=0)  # the longest reply
-    concurrency: int = Field(default=8, ge=1, le=64)  # how many segments it is asked about at once
+    concurrency: int = Field(default=8, ge=1, le=64)  # segments it is asked about at once
     # further arguments of the class that is made
     arguments: dict[str, JsonValue] = Field(default_factory=dict[str, JsonValue])
 
@@ -86,16 +86,16 @@ class ModelChoice(Frozen):
     @field_validator("arguments")
     @classmethod
     def _refuse_keys_in_arguments(cls, value: dict[str, JsonValue]) -> dict[str, JsonValue]:
-        found = re.search(r'"([^"]*(key|token|secret|password|authorization))":', json.dumps(value), re.IGNORECASE)
-        if found:
-            raise ValueError(f"{found.group(1)} would be recorded; give the key by key_variable")
+        secret = re.search(r'"([^"]*(key|token|secret|password|authorization))":', json.dumps(value), re.IGNORECASE)
+        if secret:
+            raise ValueError(f"{secret.group(1)} would be recorded; give the key by key_variable")
         return value
 
 
 class ModelConfig(ModelChoice):
-    """Which chat model serves a role, and which are asked in its place where it fails."""
+    """The chat model of a role, and its fallbacks."""
 
-    # in this order; each has what it does not state itself of `temperature`, `timeout` and `max_tokens` from the first
+    # in this order; each inherits `temperature`, `timeout` and `max_tokens` from the first
     fallbacks: tuple[ModelChoice, ...] = ()
 
     @model_validator(mode="before")
@@ -105,14 +105,14 @@ class ModelConfig(ModelChoice):
         named = cast("dict[str, Any]", values) if isinstance(values, dict) else {}
         if not isinstance(named.get("model"), list) or not named["model"]:
             return cast(Any, values)
-        first, *others = cast("list[Any]", named["model"])
+        first, *rest = cast("list[Any]", named["model"])
         shared = {key: named[key] for key in ("temperature", "timeout", "max_tokens") if key in named}
-        told = [{**shared, **(other if isinstance(other, dict) else {"model": other})} for other in others]
-        return {**named, "model": first, "fallbacks": told}
+        fallbacks = [{**shared, **(choice if isinstance(choice, dict) else {"model": choice})} for choice in rest]
+        return {**named, "model": first, "fallbacks": fallbacks}
 
 
 class ToolsConfig(Frozen):
-    """Which tool file does each exchangeable job."""
+    """The tool file for each exchangeable job."""
 
     segment: str = "segment_rgbd"
     depth: str = "depth_given"
@@ -121,78 +121,79 @@ class ToolsConfig(Frozen):
 
 
 TableChoice = Literal["auto", "largest", "highest"] | Annotated[int, Field(ge=1, le=100)]
-"""Which level plane of the photo is the table: by a rule, or by its number in ``scene.json``."""
+"""The table among the level planes of the photo: by a rule, or by its number in ``scene.json``."""
 
 
 class CoverageConfig(Frozen):
-    """Which share of what rises above the table must belong to objects."""
+    """Bounds on the share of the pixels above the table that objects must own."""
 
-    warn: float = Field(default=0.9, ge=0, le=1)  # below it the run warns, and names what belongs to no object
-    # Below it the scene is refused; 0 accepts any. A run says it within 0.03, so objects own 0.8 of what is accepted.
+    warn: float = Field(default=0.9, ge=0, le=1)  # below it the run warns, and names unowned regions
+    # Below it the scene is refused; 0 accepts any. A run is accurate within 0.03, so objects own 0.8 of an accepted
+    # scene.
     refuse: float = Field(default=0.83, ge=0, le=1)
 
 
 class SceneConfig(Frozen):
-    """How a photo is read."""
+    """Settings for reading a photo."""
 
-    # `auto`; `largest`, the level plane with most pixels; `highest`; or the number of one of `frame.planes` in
+    # `auto`; `largest`, the level plane with most pixels; `highest`; or the number of a plane of `frame.planes` in
     # `scene.json`
     table: TableChoice = "auto"
-    # whether what the task does not use stands on the table too, as the photo shows it
+    # objects without a role in the task stand on the table too, as in the photo
     bystanders: bool = True
     coverage: CoverageConfig = CoverageConfig()
 
 
 class ShapeConfig(Frozen):
-    """What a shape tool is told besides the view of an object."""
+    """Settings of a shape tool beside the view of an object."""
 
-    model: str | None = Field(default=None, max_length=4096)  # the folder of a model of the user's own
+    model: str | None = Field(default=None, max_length=4096)  # folder of a model of the user's
 
 
 class SegmentConfig(Frozen):
-    """What a segmentation tool is told besides the photo."""
+    """Settings of a segmentation tool beside the photo."""
 
-    model: str | None = Field(default=None, max_length=4096)  # the folder, or file, of a model of the user's own
-    device: str = Field(default="cpu", pattern=r"^[a-z]+(:\d+)?$")  # where it runs, as torch names it
+    model: str | None = Field(default=None, max_length=4096)  # folder, or file, of a model of the user's
+    device: str = Field(default="cpu", pattern=r"^[a-z]+(:\d+)?$")  # device to run on, as torch names it
     batch: int = Field(default=16, ge=1, le=1024)  # points that a model of masks is asked about at once
-    # what a detector looks for, as a person would say it; the kinds of the library's everyday objects if empty
+    # prompts of a detector, as a person would say them; the kinds of the library's everyday objects if empty
     prompts: Annotated[
         tuple[Annotated[str, Field(min_length=1, max_length=100)], ...], Portable(r"[^\x00-\x1f]{1,100}")
     ] = Field(default=(), max_length=200)
 
 
 class DepthConfig(Frozen):
-    """What a depth tool is told of a photo without depth."""
+    """Settings of a depth tool for a photo without depth."""
 
-    model: str | None = Field(default=None, max_length=4096)  # the folder of a model of the user's own
-    # of the photo's width, in degrees, where neither `camera.json` nor the photo tells its lens
+    model: str | None = Field(default=None, max_length=4096)  # folder of a model of the user's
+    # of the photo's width, in degrees, if neither `camera.json` nor the photo states its lens
     field_of_view: Annotated[float | None, Portable()] = Field(default=None, ge=5, le=150)
 
 
 class MatchConfig(Frozen):
-    """What a match tool is told besides the candidates, and what becomes of objects that nothing matches."""
+    """Settings of a match tool beside the candidates, and the treatment of unmatched objects."""
 
     model: str | None = Field(default=None, max_length=4096)  # the folder of a model of the user's own (`match_clip`)
-    # read what is printed on objects; needs the extra `ocr` and is passed over without it
+    # read text printed on objects; needs the extra `ocr` and is passed over without it
     ocr: Annotated[bool, Portable()] = True
     # the folder of an index of the library (`grs assets index`)
     index: str | None = Field(default=None, max_length=4096)
-    # whether the describer is asked about `each` segment, or about all in one call with a numbered picture (`sheet`)
+    # ask the describer about `each` segment, or about all in a single call with a numbered picture (`sheet`)
     describe: Annotated[Literal["each", "sheet"], Portable()] = "each"
-    # a solid of its own size and look stands for what nothing matches; if false, that is left out
+    # replace an unmatched object by a proxy of its size and look; if false, it is left out
     proxies: Annotated[bool, Portable()] = True
 
 
 class BackgroundConfig(Frozen):
-    """Whether what is around the table stands in the simulation too."""
+    """Reconstruction of the table's surroundings for the simulation."""
 
     on: bool = False  # reconstruct it; needs the extra `background`
-    # edge of the cells of its signed distance, metres; what is solid has cells of twice that
+    # voxel edge of the signed distance field, metres; colliders have voxels of twice that
     voxel: float = Field(default=0.015, ge=0.005, le=0.1)
 
 
 class PromptsConfig(Frozen):
-    """Which prompt file each role uses."""
+    """The prompt file of each role."""
 
     describe: str = "describe"
     match: str = "match"
@@ -207,40 +208,40 @@ class PromptsConfig(Frozen):
 
 
 class AuditConfig(Frozen):
-    """What a task must show to be accepted."""
+    """Criteria for accepting a task."""
 
-    seeds: Annotated[int, Portable()] = Field(default=3, ge=1, le=100)  # how many task instances are solved
+    seeds: Annotated[int, Portable()] = Field(default=3, ge=1, le=100)  # number of task instances to solve
     # the least strict score, and the least published reward, that the oracle must reach on each
     reward: Annotated[float, Portable()] = Field(default=0.99, gt=0, le=1)
-    # which model compares the task's words with its goals: `offline`, another model, or that of the role `judge`
+    # model that compares the task's words with its goals: `offline`, another model, or that of the role `judge`
     judge: Annotated[str | None, Portable(r"offline")] = None
 
 
 class AuthorConfig(Frozen):
-    """What an author with tools may do before it hands in its program."""
+    """Budget of an author with tools before it hands in its program."""
 
     steps: int = Field(default=6, ge=0, le=100)  # calls of tools, in each visit of the graph `tool_author`
 
 
 class BudgetConfig(Frozen):
-    """What a run may spend on its models; a run that reaches one of these ends as rejected, with the best it has."""
+    """Budget of a run for its models; a run that exhausts it ends as rejected, with its best task."""
 
     tokens: int | None = Field(default=None, gt=0)  # read and written together
-    cost: float | None = Field(default=None, gt=0)  # US dollars, as far as the providers tell
+    cost: float | None = Field(default=None, gt=0)  # US dollars, if the providers report it
     minutes: float | None = Field(default=None, gt=0)  # wall time of all its attempts
 
 
 class Config(Frozen):
-    """Everything a run can be told."""
+    """All settings of a run."""
 
     graph: Annotated[str, Portable()] = "grs"  # the topology to run, by its name in `graphs/`
-    # who decides between fixing code and tests: `llm` (a model), `rules` (types), `hybrid` (rules, the model where they
+    # policy that decides between fixing code and tests: `llm` (a model), `rules` (types), `hybrid` (rules, the model in
     # doubt), `vote` (the model, asked in both orders), `always_code`, a dotted path (`package.module:Policy`) or an
     # entry point in the group `grs_agents.policies`
     policy: Annotated[str, Portable()] = "llm"
     # the seed of everything random, the offline model's choices included
     seed: Annotated[int, Portable()] = Field(default=0, ge=0, lt=2**31)
-    # the arm behind the table: `ur5e`, `panda` or the path of an MJCF file (`.xml`) of one's own
+    # the arm behind the table: `ur5e`, `panda` or the path of an MJCF file (`.xml`)
     robot: Annotated[str, Portable()] = Field(default="ur5e", max_length=4096)
     max_fixes: Annotated[int, Portable()] = Field(default=10, ge=0, le=1000)  # fixes of code, tests and task together
     # steps of the graph until a run of it counts as endless; by default 25 and 4 for each of the fixes
@@ -248,11 +249,11 @@ class Config(Frozen):
     # show `route`, `fix_code` and `fix_task` a picture of how the robot's episode ended, and `judge` its start too;
     # their models must see
     end_picture: Annotated[bool, Portable()] = True
-    # what separates generated code from the machine: `bubblewrap`, `landlock`, `sandbox-exec` (macOS), or `auto` for
-    # the strongest that holds. `none` can only be asked for with `--unsafe-no-sandbox`
+    # separation of generated code from the machine: `bubblewrap`, `landlock`, `sandbox-exec` (macOS), or `auto` for the
+    # strongest that holds. `none` can only be asked for with `--unsafe-no-sandbox`
     sandbox: Literal["auto", "bubblewrap", "landlock", "sandbox-exec", "none"] = "auto"
-    workers: int = Field(default=2, ge=1, le=64)  # how many sandbox calls may run at once
-    # how often a reply that does not parse is asked for again, with the error
+    workers: int = Field(default=2, ge=1, le=64)  # sandbox calls that may run at once
+    # repetitions of a request whose reply does not parse, with the error
     reply_retries: Annotated[int, Portable()] = Field(default=2, ge=0, le=20)
     models: dict[str, ModelConfig] = Field(default_factory=lambda: {"default": ModelConfig(model="offline")})
     tools: Annotated[ToolsConfig, Portable()] = ToolsConfig()
@@ -267,14 +268,14 @@ class Config(Frozen):
     audit: AuditConfig = AuditConfig()
     author: Annotated[AuthorConfig, Portable()] = AuthorConfig()
     budget: BudgetConfig = BudgetConfig()
-    # the file that every exchange with the models is written to when the run ends, and the recorded run whose replies
-    # are given instead of asking models (a file, or the name of one that is shipped). With both, models are asked for
-    # what the recorded run has no reply to
+    # `record`: file for every exchange with the models, written when the run ends. `cassette`: recorded run whose
+    # replies are given instead of asking models (a file, or the name of a shipped run). With both, models are asked
+    # only for missing replies
     record: str | None = Field(default=None, max_length=4096)
     cassette: str | None = Field(default=None, max_length=4096)
 
     def model_for_role(self, role: str) -> ModelConfig:
-        """The model that serves ``role``; ``audit.judge`` names that of the judge before any other."""
+        """The model of ``role``. For the judge, ``audit.judge`` takes precedence."""
         if role == "judge" and self.audit.judge is not None:
             return ModelConfig(model=self.audit.judge)
         return self.models.get(role, self.models["default"])

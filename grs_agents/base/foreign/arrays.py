@@ -26,7 +26,7 @@ MOST_BYTES = 1 << 29
 """No array needs more, unpacked: enough for 255 masks at 1920x1080, or 64 million pixels of eight bytes."""
 MOST_MEMBERS = 64
 _MOST_DIRECTORY = 1 << 20
-"""Bytes of the table of an archive's members; one with a name of usual length has about 60."""
+"""Bytes of the table of an archive's members; a member with a usual name has about 60."""
 _MOST_HEADER = 1 << 16
 """Bytes of an array's header; version 2.0 may promise 4 GB, of which numpy would read all before it looks."""
 NUMBERS, MOST_WORD, MOST_TEXT = "buif", 400, 1 << 20
@@ -35,11 +35,11 @@ MALFORMED = (
     *(ValueError, SyntaxError, TypeError, OverflowError, EOFError, OSError, MemoryError, LookupError, RuntimeError),
     *(NotImplementedError, zlib.error, zipfile.BadZipFile, tokenize.TokenError, struct.error),
 )
-"""What numpy and zipfile raise on torn or forged files."""
+"""Errors of numpy and zipfile on torn or forged files."""
 
 
 def read_npy(file: Path) -> Numbers:
-    """One array of numbers. Raises InputError: it cannot be read, holds Python objects or text, or is too large."""
+    """Read an array of numbers. Raises InputError: it cannot be read, holds Python objects or text, or is too large."""
     return read_npy_stream(BytesIO(read_bytes(file)), str(file))
 
 
@@ -54,20 +54,23 @@ def read_npz(
 
     Args:
         file: its path.
-        wanted: names that must be there, each with what it is.
+        wanted: required names, each with a description.
         optional: names that may be there, likewise.
-        together: how many bytes the arrays may have unpacked, all together; None bounds each alone.
+        together: most unpacked bytes of all arrays together; None bounds each alone.
         text: names of the arrays that hold words instead of numbers.
 
     Raises:
-        InputError: it is no such archive, a wanted array is missing, or one holds other things than numbers.
+        InputError: it is no such archive, a wanted array is missing, or an array does not hold numbers.
     """
     decoder = current_decoder()
     if decoder is not None and (decoded := decoder.read_npz(file, wanted, optional, together, text)) is not None:
         return decoded
     with _open_npz(read_bytes(file, "give a .npz with rgb, depth and K"), str(file)) as archive:
         members = {name.removesuffix(".npy"): name for name in archive.namelist()}
-        _check_required_arrays(members, wanted, file)
+        missing = ", ".join(f"{name} ({what})" for name, what in wanted.items() if name not in members)
+        if missing:
+            held = ", ".join(name[:40] for name in members) or "nothing"
+            raise InputError(f"{file} holds {held}, but no {missing}", f"add {missing}")
         arrays: dict[str, Numbers] = {}
         left = MOST_BYTES if together is None else together
         for name in [name for name in (*wanted, *optional) if name in members]:
@@ -77,16 +80,9 @@ def read_npz(
         return arrays
 
 
-def _check_required_arrays(members: Collection[str], wanted: Mapping[str, str], file: Path) -> None:
-    missing = ", ".join(f"{name} ({what})" for name, what in wanted.items() if name not in members)
-    if missing:
-        held = ", ".join(name[:40] for name in members) or "nothing"
-        raise InputError(f"{file} holds {held}, but no {missing}", f"add {missing}")
-
-
 def read_npz_strings(data: bytes, where: str) -> list[str]:
     """All words that the arrays of an archive hold; arrays of numbers are not unpacked.
-    Raises InputError: it is no such archive, is too large, or one member is no array of numbers or words."""
+    Raises InputError: it is no such archive, is too large, or a member is no array of numbers or words."""
     words: list[str] = []
     with _open_npz(data, where) as archive:
         for name in archive.namelist():
@@ -101,7 +97,7 @@ def read_npz_strings(data: bytes, where: str) -> list[str]:
 
 @contextmanager
 def _convert_read_errors_to_input_error(where: str, what: str, writer: str) -> Generator[None]:
-    """Whatever numpy and zipfile stumble over is one named error."""
+    """Convert all errors of numpy and zipfile to an InputError."""
     try:
         yield
     except InputError:
@@ -137,27 +133,23 @@ def _read_array_header(content: IO[bytes], where: str) -> "tuple[tuple[int, ...]
 
 
 def read_npy_stream(content: IO[bytes], where: str, most: int = MOST_BYTES, allowed: str = NUMBERS) -> Numbers:
-    """One array of at most ``most`` bytes, of the kinds ``allowed``. Raises InputError: as `read_npy`."""
+    """Read an array of at most ``most`` bytes, of the kinds ``allowed``. Raises InputError: as `read_npy`."""
     with _convert_read_errors_to_input_error(where, "array", "numpy.save"):
         shape, column_major, kind = _read_array_header(content, where)
-        size = _check_array_size(shape, kind, where, most, allowed)
+        if kind.kind not in allowed or kind.itemsize > (8 if allowed == NUMBERS else MOST_WORD):
+            remedy = "write it as integers or floats" if allowed == NUMBERS else "write it as words"
+            raise InputError(f"{where} holds values of type {kind}", remedy)
+        if min(shape, default=1) < 0:
+            raise InputError(f"{where} has the shape {shape}", "write it with numpy.save")
+        size = math.prod(shape) * kind.itemsize
+        if size > most:
+            raise InputError(
+                f"{where} has the shape {shape} and type {kind}: more than {most} bytes", "give a smaller one"
+            )
+        if size == 0:
+            raise InputError(f"{where} has the shape {shape}: it is empty", "write it with its values")
         data = content.read(size)
         if len(data) != size:
             raise InputError(f"{where} ends after {len(data)} of {size} bytes", "write it again with numpy.save")
         array = np.frombuffer(data, kind).reshape(shape, order="F" if column_major else "C")
         return cast(Numbers, array.astype(kind.newbyteorder("="), copy=False))
-
-
-def _check_array_size(shape: tuple[int, ...], kind: "np.dtype[Any]", where: str, most: int, allowed: str) -> int:
-    """How many bytes the header promises, before any is read."""
-    if kind.kind not in allowed or kind.itemsize > (8 if allowed == NUMBERS else MOST_WORD):
-        remedy = "write it as integers or floats" if allowed == NUMBERS else "write it as words"
-        raise InputError(f"{where} holds values of type {kind}", remedy)
-    if min(shape, default=1) < 0:
-        raise InputError(f"{where} has the shape {shape}", "write it with numpy.save")
-    size = math.prod(shape) * kind.itemsize
-    if size > most:
-        raise InputError(f"{where} has the shape {shape} and type {kind}: more than {most} bytes", "give a smaller one")
-    if size == 0:
-        raise InputError(f"{where} has the shape {shape}: it is empty", "write it with its values")
-    return size

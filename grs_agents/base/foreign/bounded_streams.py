@@ -1,7 +1,7 @@
-"""Packed files from outside: what comes out of a decoder is counted as it comes, whatever a header declares.
+"""Untrusted packed files: the output of a decoder is counted as it comes, whatever a header declares.
 
-Only stored and deflated data is unpacked. zlib gives out as many bytes as it is asked for; zipfile's decoders of bzip2
-and LZMA give out all that a chunk of input stands for, which may be gigabytes for a few kilobytes.
+Only stored and deflated data is unpacked. zlib returns at most the requested bytes; zipfile's decoders of bzip2 and
+LZMA return the whole output of a chunk of input, possibly gigabytes for a few kilobytes.
 """
 
 import gzip
@@ -15,9 +15,9 @@ from grs_agents.base.errors import InputError
 
 _GZIP: Final = b"\x1f\x8b"
 _MOST_TAR_HEADER: Final = 1 << 20
-"""Bytes of all headers of one member of a tar file: long names and extended headers are chained before it."""
+"""Bytes of all headers of a member of a tar file: long names and extended headers are chained before it."""
 _MOST_TAR_RECORD: Final = 1 << 16
-"""Bytes of one of these; a path has at most 4,096."""
+"""Bytes of each of these headers; a path has at most 4,096."""
 _SKIPPED: Final = 1 << 16
 _METHODS: Final = {zipfile.ZIP_STORED: "stored", zipfile.ZIP_DEFLATED: "deflate", 12: "bzip2", 14: "LZMA", 93: "zstd"}
 
@@ -25,7 +25,7 @@ _METHODS: Final = {zipfile.ZIP_STORED: "stored", zipfile.ZIP_DEFLATED: "deflate"
 class BoundedReader:
     """A stream of which at most ``most`` bytes are read; beyond them it raises InputError.
 
-    It only reads: what seeks, as zipfile does, is given a stream of its own.
+    It only reads: zipfile, which seeks, has its own stream.
     """
 
     def __init__(self, stream: IO[bytes], where: str, most: int) -> None:
@@ -33,7 +33,7 @@ class BoundedReader:
         self._most = most
 
     def read(self, size: int = -1) -> bytes:
-        """At most ``size`` bytes, all that is left where it is negative."""
+        """At most ``size`` bytes, all that is left if it is negative."""
         if size > self._left:
             raise self._make_too_long_error()
         data = self._stream.read(self._left + 1 if size < 0 else size)
@@ -49,7 +49,7 @@ class BoundedReader:
 class _ZipFileStream:
     """A zip file whose table of members has at most ``most`` bytes.
 
-    zipfile reads that table in one piece, makes an object of each entry, and says how many there are once it has them.
+    zipfile reads that table in a single piece, makes an object of each entry, and counts them only afterwards.
     """
 
     def __init__(self, file: IO[bytes], where: str, most: int) -> None:
@@ -91,7 +91,7 @@ def check_zip_compression(member: zipfile.ZipInfo, where: str) -> None:
 class _TarStream:
     """The content of a tar file, unpacked, from its beginning to its end: at most ``most`` bytes.
 
-    tarfile reads a long name or an extended header in one piece, whatever its size: while ``header_left`` counts,
+    tarfile reads a long name or an extended header in a single piece, whatever its size: while ``header_left`` counts,
     pieces and their sum are bounded.
     """
 
@@ -118,7 +118,7 @@ class _TarStream:
         return self._position
 
     def seek(self, position: int, whence: int = 0) -> int:
-        """Pass over what lies before ``position``. Raises tarfile.ReadError: it lies behind, by a forged size."""
+        """Skip to ``position``. Raises tarfile.ReadError: it lies behind, by a forged size."""
         if position < self._position or whence:
             raise tarfile.ReadError("a member has a negative size")
         header, self.header_left = self.header_left, None
@@ -136,11 +136,11 @@ def iterate_tar_members(file: IO[bytes], where: str, most: int) -> Iterator[tupl
     Args:
         file: the file, at its beginning.
         where: its name in errors.
-        most: bytes that it may unpack to, headers, and members that nobody reads, included.
+        most: bytes that it may unpack to, including headers and skipped members.
 
     Raises:
         InputError: it unpacks to more, or a header is too long.
-        tarfile.TarError: it is no tar file. EOFError, OSError, ValueError and zlib.error likewise.
+            tarfile.TarError: it is no tar file. EOFError, OSError, ValueError and zlib.error likewise.
     """
     packed = file.read(len(_GZIP)) == _GZIP
     file.seek(0)
@@ -152,6 +152,6 @@ def iterate_tar_members(file: IO[bytes], where: str, most: int) -> Iterator[tupl
         while (entry := archive.next()) is not None:
             stream.header_left = None
             yield entry, archive.extractfile(entry) if entry.isfile() else None
-            archive.members.clear()  # tarfile keeps every member, with its name, for those who ask for one again
-            archive.pax_headers.clear()  # those of all members, which it copies for each
+            archive.members.clear()  # tarfile keeps every member, with its name, for later look-ups
+            archive.pax_headers.clear()  # headers of all members, which it copies for each
             stream.header_left = _MOST_TAR_HEADER

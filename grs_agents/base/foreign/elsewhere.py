@@ -1,4 +1,4 @@
-"""Where the pictures and arrays of a run folder are decoded: in this process, or in one that holds no keys."""
+"""Decoder of the pictures and arrays of a run folder: this process, or a worker that holds no keys."""
 
 from collections.abc import Collection, Generator, Mapping
 from contextlib import contextmanager
@@ -40,7 +40,7 @@ def current_decoder() -> Decoder | None:
 
 @contextmanager
 def decode_elsewhere(decoder: Decoder) -> Generator[None]:
-    """Let ``decoder`` read what the block reads with `read_picture` and `read_npz`."""
+    """Let ``decoder`` serve `read_picture` and `read_npz` in the block."""
     token = _DECODER.set(decoder)
     try:
         yield

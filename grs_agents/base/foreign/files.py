@@ -3,8 +3,10 @@
 import json
 import re
 import stat
+from collections.abc import Callable
+from functools import lru_cache, wraps
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 from grs_agents.base.errors import InputError
 
@@ -15,16 +17,40 @@ MOST_JSON_BYTES = 1 << 26
 MOST_TEXT_BYTES = 1 << 20
 """A program or a configuration file has a few kilobytes."""
 MOST_DEPTH = 64
-"""Levels of nested arrays and objects; what GRS writes has about ten. Python's own parser fails at about 1,000."""
+"""Levels of nested arrays and objects; files of GRS have about ten. Python's own parser fails at about 1,000."""
 MOST_VALUES = 250_000
-"""Values of one file in a run folder. The log of the sample run has 2,400; one value takes up to 500 bytes."""
+"""Values of a file in a run folder. The log of the sample run has 2,400; a value takes up to 500 bytes."""
 MOST_VALUES_OF_DATA = 2_000_000
-"""Values of any other file: data sets list the poses of thousands of pictures in one. They take 320 MB."""
+"""Values of any other file: data sets list the poses of thousands of pictures in a single file. They take 320 MB."""
 _TOKEN = re.compile(rb'"(?:[^"\\\n]++|\\.)*+"?|[\[{\]},\n]')
 
 
+_Content = TypeVar("_Content")
+
+
+def cache_until_modified(entries: int) -> Callable[[Callable[[Path], _Content]], Callable[[Path], _Content]]:
+    """Decorate a function of a file: its last ``entries`` results are kept until their files are modified."""
+
+    def decorate(read: Callable[[Path], _Content]) -> Callable[[Path], _Content]:
+        @lru_cache(entries)
+        def read_version(path: Path, _inode: int, _modified: int, _size: int) -> _Content:
+            return read(path)
+
+        @wraps(read)
+        def read_current(path: Path) -> _Content:
+            try:
+                status = path.stat()
+            except OSError:
+                return read(path)  # which reports it
+            return read_version(path, status.st_ino, status.st_mtime_ns, status.st_size)
+
+        return read_current
+
+    return decorate
+
+
 def path_exists(path: Path) -> bool:
-    """Whether there is anything under this name, a broken link or an endless one included."""
+    """True if the name exists, even as a broken or endless link."""
     try:
         path.lstat()
     except FileNotFoundError:
@@ -35,7 +61,7 @@ def path_exists(path: Path) -> bool:
 
 
 def is_folder(path: Path) -> bool:
-    """Whether this is a folder; what cannot be looked at is none."""
+    """True for a folder; False if it cannot be looked at."""
     try:
         return path.is_dir()
     except (OSError, ValueError):
@@ -53,14 +79,14 @@ def list_folder_names(folder: Path) -> list[str]:
 def read_bytes(file: Path, remedy: str = "", most: int = MOST_BYTES) -> bytes:
     """The content of a regular file. Raises InputError: it cannot be read, is no regular file, or is too large."""
     try:
-        status = file.stat()  # before it is opened: a pipe would wait for its other end for ever
+        status = file.stat()  # before it is opened: a pipe would wait for its other end
         if not stat.S_ISREG(status.st_mode):
             kind = "a folder" if stat.S_ISDIR(status.st_mode) else "no regular file"
             raise InputError(f"cannot read {file}: it is {kind}", remedy or "give a file of that name")
         if status.st_size > most:
             raise InputError(f"{file} has {status.st_size} bytes, more than {most}", "give a smaller file")
         with file.open("rb") as stream:
-            data = stream.read(status.st_size + 1)  # not `most`, for which room would be made ahead
+            data = stream.read(status.st_size + 1)  # not `most`, for which memory would be reserved ahead
             while len(data) > status.st_size and len(data) <= most and (more := stream.read(_PIECE)):
                 data += more  # it grows, or lies in /proc, whose files say that they have 0 bytes
     except (OSError, ValueError) as error:
@@ -83,9 +109,9 @@ def check_json_limits(data: bytes, where: object, values: int | None = MOST_VALU
     """See that JSON, or lines of JSON, is not nested too deep and does not hold too many values, before it is parsed.
 
     Args:
-        data: the text in UTF-8; whether it is JSON at all is for the parser to say.
-        where: what errors call it.
-        values: how many values it may hold; None for any number.
+        data: the text in UTF-8; only the parser decides if it is JSON.
+        where: its name in errors.
+        values: most values that it may hold; None for any number.
 
     Raises:
         InputError: it is deeper or holds more.

@@ -1,4 +1,4 @@
-"""Pictures from outside: their size is known before a pixel is decoded; what is torn or huge is refused by name."""
+"""Untrusted pictures: the size is checked before a pixel is decoded; torn or huge pictures are refused by name."""
 
 import struct
 import zlib
@@ -25,7 +25,7 @@ MALFORMED = (
     *(OSError, SyntaxError, ValueError, TypeError, ArithmeticError, LookupError, EOFError, RuntimeError),
     *(AttributeError, MemoryError, struct.error, zlib.error, Pillow.DecompressionBombError),
 )
-"""What Pillow's readers raise on torn or forged files."""
+"""Errors of Pillow's readers on torn or forged files."""
 _MOST_RUN_BYTES = 1 << 26
 _MOST_RUN_PIXELS = 16_000_000
 """Bounds of a picture of a run folder, in bytes and pixels: a frame has at most 9 million pixels."""
@@ -35,16 +35,6 @@ _HEIF_BRANDS = {b"ftyp" + brand for brand in (b"heic", b"heix", b"heim", b"heis"
 """Bytes 4 to 12 of a HEIC photo; iPhones write ``heic``."""
 
 
-def _register_heif_reader(file: Path) -> None:
-    """Teach Pillow HEIC, which turns pixels upright as it decodes. Raises InputError: pillow-heif is not installed."""
-    try:
-        pillow_heif = import_module("pillow_heif")
-    except ImportError as error:
-        remedy = 'pip install "grs-agents[heic]", or write it as .jpg'
-        raise InputError(f"{file} is a HEIC photo, and the package pillow-heif is not installed", remedy) from error
-    pillow_heif.register_heif_opener()
-
-
 @contextmanager
 def open_picture(
     file: Path, remedy: str, formats: tuple[str, ...] = FORMATS, most: int = MOST_BYTES, pixels: int = MOST_PIXELS
@@ -52,7 +42,14 @@ def open_picture(
     """A picture of checked size, not decoded, and its bytes. Raises InputError: it is missing, torn or too large."""
     data, known = read_bytes(file, remedy, most), ", ".join(formats)
     if formats == FORMATS and data[4:12] in _HEIF_BRANDS:
-        _register_heif_reader(file)
+        try:
+            pillow_heif = import_module("pillow_heif")
+        except ImportError as error:
+            install = 'pip install "grs-agents[heic]", or write it as .jpg'
+            raise InputError(
+                f"{file} is a HEIC photo, and the package pillow-heif is not installed", install
+            ) from error
+        pillow_heif.register_heif_opener()
         formats = ("HEIF",)
     try:
         with Pillow.open(BytesIO(data), formats=formats) as image:

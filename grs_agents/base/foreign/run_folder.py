@@ -1,4 +1,4 @@
-"""Run folders that may come from somebody else: nothing in them leads out, waits for ever, or is too large to read."""
+"""Untrusted run folders: nothing in them leads out, blocks, or is too large to read."""
 
 import os
 import stat
@@ -13,7 +13,7 @@ _MIB = 1 << 20
 _TEXTS = {1: ".urdf .xml .mtl .py .toml", 2: ".diff", 8: ".json .md .txt"}
 _DATA = {32: ".jsonl .obj", 64: ".npz .png .jpg", 256: ".sqlite"}
 MOST_BYTES = {suffix: mib * _MIB for mib, names in (_TEXTS | _DATA).items() for suffix in names.split()}
-"""The largest file of each kind that GRS reads from a run folder; about 100 times what the sample run has."""
+"""The largest file of each kind that GRS reads from a run folder; about 100 times those of the sample run."""
 MOST_TOGETHER = 512 * _MIB
 """Of all files of these kinds: `grs share` packs them in memory."""
 REMEDY = "remove it, or ask whoever made the folder for a plain copy"
@@ -59,14 +59,14 @@ def resolve_member_file(folder: Path, name: str) -> Path:
 
 
 def is_relative_subpath(name: str) -> bool:
-    """Whether ``name`` is a relative path that names something below where it starts."""
+    """True for a relative path to something below its start."""
     pure = PurePosixPath(name)
     unusual = any(letter in "\\:" or letter < " " for letter in name)
     return bool(pure.parts) and not pure.is_absolute() and ".." not in pure.parts and not unusual
 
 
 def find_member_file(folder: Path, name: str) -> Path | None:
-    """The file of a run folder as `resolve_member_file` finds it; None where there is nothing of that name."""
+    """The file of a run folder as `resolve_member_file` finds it; None if nothing has that name."""
     return (
         resolve_member_file(folder, name) if not is_relative_subpath(name) or os.path.lexists(folder / name) else None
     )

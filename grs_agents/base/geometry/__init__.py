@@ -1,1 +1,1 @@
-"""Rotations and poses, convex hulls, polygons as pixels: plain geometry that several rooms share."""
+"""Shared geometry: rotations and poses, convex hulls, polygons as pixels."""

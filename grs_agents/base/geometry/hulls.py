@@ -12,7 +12,7 @@ _DIRECTIONS: Final = 200
 
 
 def hull_half_spaces(vertices: FloatArray) -> FloatArray:
-    """Planes (K, 4) of the hull of points (N, 3), inside: ``plane[:3] @ p <= plane[3]``; a box if all lie in one."""
+    """Planes (K, 4) of the hull of points (N, 3), inside: ``plane[:3] @ p <= plane[3]``; a box for coplanar points."""
     points = _farthest_points_along_directions(np.unique(np.round(vertices, 9), axis=0))
     start = _find_tetrahedron(points)
     if start is None:

@@ -16,16 +16,16 @@ _FLAT: Final = 1e-6
 
 @dataclass(frozen=True)
 class Buffer:
-    """What a picture of triangles shows."""
+    """Visible triangles of a picture."""
 
-    triangle: Ints  # (H, W) index of the nearest triangle, -1 where there is none
-    nearness: Floats  # (H, W) its nearness there, -inf where there is none
+    triangle: Ints  # (H, W) index of the nearest triangle, -1 in the background
+    nearness: Floats  # (H, W) its nearness there, -inf in the background
 
 
 def rasterise_triangles(corners: Floats, nearness: Floats, width: int, height: int) -> Buffer:
-    """Draw triangles, ``corners`` (T, 3, 2) in pixels, into a z-buffer; pixel (0, 0) is sampled at (0, 0).
-    ``nearness`` (T, 3) is linear over the picture of a plane and grows towards the viewer: one over depth for a
-    perspective camera, minus depth for a parallel one."""
+    """Draw triangles, ``corners`` (T, 3, 2) in pixels, into a z-buffer; pixel (0, 0) is sampled at (0, 0). ``nearness``
+    (T, 3) is linear over the picture of a plane and grows towards the viewer: 1 / depth for a perspective camera,
+    -depth for an orthographic camera."""
     buffer = Buffer(np.full((height, width), -1, dtype=np.int64), np.full((height, width), -np.inf))
     low = np.maximum(np.ceil(corners.min(axis=1)), 0).astype(int)
     high = np.minimum(np.floor(corners.max(axis=1)), (width - 1, height - 1)).astype(int)
@@ -46,9 +46,9 @@ class _Rows:
     triangle: Ints  # (R,) index of the triangle
     y: Ints  # (R,) row of the picture
     left: Ints  # (R,) the first column that may lie in the triangle
-    width: Ints  # (R,) how many there are
+    width: Ints  # (R,) number of columns
     across: Floats  # (3, R) columns of the triangle's corners
-    down: Floats  # (3, R) their rows, from this one
+    down: Floats  # (3, R) their rows, relative to ``y``
     area: Floats  # (R,)
 
     @classmethod
@@ -91,16 +91,12 @@ def _draw_rows(buffer: Buffer, rows: _Rows, part: Ints, nearness: Floats) -> Non
     near = nearness[triangle]
     value = u * near[:, 0] + v * near[:, 1] + w * near[:, 2]
     pixel = rows.y[row] * buffer.triangle.shape[1] + x
-    _update_z_buffer(buffer, pixel, triangle, value)
-
-
-def _update_z_buffer(buffer: Buffer, pixel: Ints, triangle: Ints, nearness: Floats) -> None:
-    """Take what is nearer than what was seen, and of equals the triangle that comes first; ``triangle`` ascends."""
+    # Keep the nearest; of equals the triangle that comes first (``triangle`` ascends).
     best, owner = buffer.nearness.reshape(-1), buffer.triangle.reshape(-1)
-    nearer = nearness > best[pixel]
-    pixel, triangle, nearness = pixel[nearer], triangle[nearer], nearness[nearer]
-    np.maximum.at(best, pixel, nearness)
-    nearest = np.flatnonzero(nearness == best[pixel])[::-1]  # the last that is written stays
+    nearer = value > best[pixel]
+    pixel, triangle, value = pixel[nearer], triangle[nearer], value[nearer]
+    np.maximum.at(best, pixel, value)
+    nearest = np.flatnonzero(value == best[pixel])[::-1]  # the last that is written stays
     owner[pixel[nearest]] = triangle[nearest]
 
 

@@ -32,7 +32,7 @@ def icosphere(subdivisions: int) -> tuple[FloatArray, npt.NDArray[np.int64]]:
 
 def _icosahedron() -> tuple[FloatArray, npt.NDArray[np.int64]]:
     """Twelve unit vertices on three golden rectangles, and the twenty triangles of nearest neighbours."""
-    rectangle = np.array([[0.0, one, two * _GOLDEN] for one in (1, -1) for two in (1, -1)])
+    rectangle = np.array([[0.0, y, z * _GOLDEN] for y in (1, -1) for z in (1, -1)])
     vertices = np.concatenate([np.roll(rectangle, turn, axis=1) for turn in range(3)])
     near = np.linalg.norm(vertices[:, None] - vertices, axis=2) < 2.1  # edges are 2 long, the next distance is 3.2
     np.fill_diagonal(near, False)

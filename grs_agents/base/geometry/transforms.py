@@ -31,7 +31,7 @@ def to_unit_quaternion(values: Sequence[float] | FloatArray) -> Quat:
 
 
 def parse_pose(value: Any) -> Pose | None:
-    """The pose that a pair of three and four finite numbers is, the usual way to write one; None for anything else."""
+    """Parse a pose from a pair of three and four finite numbers; None for anything else."""
     try:
         (x, y, z), (a, b, c, d) = value
         numbers = (x, y, z, a, b, c, d)
@@ -95,7 +95,7 @@ def multiply_quaternions(first: Sequence[float], second: Sequence[float]) -> Qua
 
 
 def angle_between(first: Sequence[float], second: Sequence[float]) -> float:
-    """The angle (rad) of the turn from one unit quaternion to another."""
+    """The angle (rad) between two unit quaternions."""
     return 2 * math.acos(min(1.0, abs(sum(a * b for a, b in zip(first, second, strict=True)))))
 
 

@@ -1,10 +1,10 @@
-"""The events of a run, one small type for each kind of thing that happens.
+"""The events of a run, a small type for each kind.
 
 Every event carries ``version`` (of this vocabulary), ``sequence`` (its number in the run, from 0), ``time``
 (seconds since 1970) and ``attempt`` (fixes made so far); :class:`grs_agents.base.trace.log.EventLog` fills in the last
 three. File paths are relative to the run folder.
 
-Values that are safe to write as one line of JSON, whatever a model or a program put into them.
+JSON values are safe to write as a single line, whatever a model or a program put into them.
 """
 
 import math
@@ -22,7 +22,7 @@ def replace_surrogates(value: Any) -> Any:
 
 
 def _to_plain_python(value: Any) -> Any:
-    """What numpy arrays and scalars are as plain Python; anything else as its ``repr``."""
+    """Numpy arrays and scalars as plain Python; anything else as its ``repr``."""
     convert = getattr(value, "tolist", None)
     return convert() if callable(convert) else repr(value)
 
@@ -39,18 +39,18 @@ def _encode_json_tree(value: Any) -> Any:
 
 def to_plain_json(value: Any) -> Any:
     """``value`` as plain JSON data: tuples become lists, paths and NaN strings, models and arrays their content."""
-    # before, since pydantic refuses keys that are not UTF-8; after, for what models and arrays held
+    # before, since pydantic refuses keys that are not UTF-8; after, for the content of models and arrays
     return _encode_json_tree(to_jsonable_python(_encode_json_tree(value), fallback=_to_plain_python))
 
 
 def summarise_value(value: Any, depth: int = 2) -> Any:
-    """``value`` as plain JSON data of a few words; of long texts and lists, and of what lies deep, only the size."""
+    """Summarise ``value`` as plain JSON data; of long texts and lists, and of deep values, only the size is given."""
     value = to_plain_json(value)
     if isinstance(value, str) and ("\n" in value or len(value) > _LONG):
         return f"{len(value.splitlines())} lines, {len(value)} characters"
     if isinstance(value, list):
         items = cast("list[Any]", value)
-        short = depth > 0 and _is_short_flat_list(items)
+        short = depth > 0 and (len(items) <= _FEW and not any(isinstance(item, list | dict) for item in items))
         return [summarise_value(item, 0) for item in items] if short else f"{len(items)} items"
     if isinstance(value, dict):
         fields = cast("dict[str, Any]", value)
@@ -58,10 +58,6 @@ def summarise_value(value: Any, depth: int = 2) -> Any:
             return f"{len(fields)} fields"
         return {key: summarise_value(item, depth - 1) for key, item in fields.items()}
     return value
-
-
-def _is_short_flat_list(items: list[Any]) -> bool:
-    return len(items) <= _FEW and not any(isinstance(item, list | dict) for item in items)
 
 
 _LONG, _FEW, _MANY = 160, 4, 16
@@ -76,7 +72,7 @@ def _cut_name(name: str) -> str:
 
 
 Name = Annotated[str, BeforeValidator(replace_surrogates), AfterValidator(_cut_name)]
-"""A name, cut where it is longer than any that GRS writes."""
+"""A name, cut if it is longer than any that GRS writes."""
 JsonObject = Annotated[dict[str, Any], BeforeValidator(to_plain_json)]
 """A JSON object; equal to itself after a trip through a file."""
 
@@ -91,7 +87,8 @@ Row = tuple[Number, Number, Number, Number]
 
 
 class CheckedFields(BaseModel):
-    """What readers of the log rely on inside an event's free-form JSON: these fields must fit, others may be there."""
+    """Types of the fields inside an event's free-form JSON that readers of the log rely on; other fields may be
+    present."""
 
     model_config = ConfigDict(extra="allow", frozen=True)
 
@@ -140,14 +137,14 @@ class CheckedSummary(CheckedFields):
 
 
 class CheckedEpisode(CheckedFields):
-    """What the oracle did in a test."""
+    """The oracle's episode of a test."""
 
     outcome: str | None = None
     detail: str | None = None
 
 
 class CheckedCase(CheckedFields):
-    """One test."""
+    """Result of a test."""
 
     id: str | None = None
     outcome: str | None = None
@@ -174,11 +171,11 @@ def _validate_json_fields(value: _Json, kind: type[CheckedFields]) -> _Json:
 
 
 VERSION = 5
-"""Of this vocabulary: one more whenever a reader of the last one would misread a line."""
+"""Of this vocabulary: incremented whenever an older reader would misread a line."""
 
 
 Count = Annotated[int, Field(ge=0, lt=2**53)]
-"""What viewers can draw: a whole number that a float holds exactly."""
+"""Drawable by viewers: a whole number that a float holds exactly."""
 Seconds = Annotated[float, Field(ge=0, le=1e12, allow_inf_nan=False)]
 Summary = Annotated[JsonObject, AfterValidator(lambda value: _validate_json_fields(value, CheckedSummary))]
 Report = Annotated[JsonObject, AfterValidator(lambda value: _validate_json_fields(value, CheckedReport))]

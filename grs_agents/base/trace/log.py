@@ -1,4 +1,4 @@
-"""The event log: ``events.jsonl``, one event a line, written before anybody is told."""
+"""The event log: ``events.jsonl``, a line for each event, written before subscribers are called."""
 
 import json
 import os
@@ -8,16 +8,14 @@ import warnings
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
-from functools import partial
 from pathlib import Path
-from typing import BinaryIO
 
 from pydantic import ValidationError
 
+from grs_agents.base.control_characters import escape_control_chars
 from grs_agents.base.errors import InputError
 from grs_agents.base.files import flush_written_files, make_folder, unwritable_error
 from grs_agents.base.foreign.files import MOST_JSON_BYTES, check_json_limits, read_bytes
-from grs_agents.base.terminal.control_characters import escape_control_chars
 from grs_agents.base.trace.events import EVENT, VERSION, Event
 
 Subscriber = Callable[[Event], None]
@@ -28,7 +26,7 @@ _step: ContextVar[int | None] = ContextVar("step", default=None)
 
 
 def _parse_events(path: Path, data: bytes) -> tuple[list[Event], int]:
-    """The events in ``data`` and how many of its bytes hold whole events (a torn last line is left out)."""
+    """Parse the events of a log, except a torn last line. Returns: the events, the number of bytes that hold them."""
     lines = data.split(b"\n")
     events: list[Event] = []
     length = 0
@@ -48,12 +46,12 @@ def _parse_events(path: Path, data: bytes) -> tuple[list[Event], int]:
 
 
 def _make_unreadable_line_error(path: Path, number: int, line: bytes, error: ValidationError) -> InputError:
-    """Why a line is no event: of a later vocabulary than ours, or damaged."""
+    """The error for a line that is no event: of a later vocabulary, or damaged."""
     with suppress(ValueError, TypeError, AttributeError, RecursionError):
         version = int(json.loads(line).get("version"))
         if version > VERSION:
-            found = f"{path} line {number} is an event of version {version}, and this GRS reads up to {VERSION}"
-            return InputError(found, "install a later version of grs-agents")
+            message = f"{path} line {number} is an event of version {version}, and this GRS reads up to {VERSION}"
+            return InputError(message, "install a later version of grs-agents")
     reason = error.errors(include_url=False)[0]["msg"]
     return InputError(f"{path} line {number} is not an event: {reason}", "restore the file or start a new run")
 
@@ -70,30 +68,32 @@ def _read_log_bytes(path: Path) -> bytes:
     return data
 
 
-def _is_relied_on(event: Event) -> bool:
-    """Whether an event, with those before it, is to outlast a power cut: what it tells of is not done again."""
-    return event.kind in ("node_ended", "run_ended") or (event.kind == "reply" and event.seconds > _QUICK)
+class _SubscriberGuard:
+    """Turns the first exception of a subscriber into a warning and drops later ones; interrupts go through."""
 
-
-class _ReportingExceptions:
-    """Hands an exception of its block to ``report`` instead of raising it; interrupts go through."""
-
-    def __init__(self, report: Callable[[Exception], None]) -> None:
-        self._report = report
+    def __init__(self, subscriber: Subscriber, event: Event, reported: set[int]) -> None:
+        self._subscriber, self._event, self._reported = subscriber, event, reported
 
     def __enter__(self) -> None:
         return None
 
     def __exit__(self, _: object, error: BaseException | None, __: object) -> bool:
-        if isinstance(error, Exception):
-            self._report(error)
-        return isinstance(error, Exception)
+        if not isinstance(error, Exception):
+            return False
+        if id(self._subscriber) not in self._reported:
+            self._reported.add(id(self._subscriber))
+            name = getattr(self._subscriber, "__qualname__", type(self._subscriber).__qualname__)
+            reason = escape_control_chars(f"{type(error).__name__}: {error}")
+            event = f"event {self._event.sequence} ({self._event.kind})"
+            text = f"{name} failed at {event} and may show less than happened: {reason}"
+            warnings.warn(text, RuntimeWarning, stacklevel=3)
+        return True
 
 
 class EventLog:
-    """Appends events to a file and tells subscribers, in order, whichever thread they come from.
-    Opening an existing file repairs a torn last line and goes on counting where it ended.
-    Raises InputError: the file cannot be read or written, or holds something else."""
+    """Appends events to a file and calls subscribers, in order, from any thread. Opening an existing file repairs a
+    torn last line and continues its numbering. Raises InputError: the file cannot be read or written, or holds
+    something else."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -105,22 +105,18 @@ class EventLog:
         try:
             make_folder(path.parent)
             self._file = path.open("ab")
-            self._resume_numbering(self._file)
+            data = _read_log_bytes(self.path)  # numbering goes on after its last whole event
+            events, length = _parse_events(self.path, data)
+            if length < len(data):
+                self._file.truncate(length)
+            if length and data[length - 1 : length] != b"\n":
+                self._file.write(b"\n")
+                self._file.flush()
+            if events:
+                self.sequence = events[-1].sequence + 1
+                self.attempt = events[-1].attempt
         except OSError as error:
             raise unwritable_error(path, error) from error
-
-    def _resume_numbering(self, file: BinaryIO) -> None:
-        """Take up numbering from what the file holds, cutting a torn end off and closing an unclosed line."""
-        data = _read_log_bytes(self.path)
-        events, length = _parse_events(self.path, data)
-        if length < len(data):
-            file.truncate(length)
-        if length and data[length - 1 : length] != b"\n":
-            file.write(b"\n")
-            file.flush()
-        if events:
-            self.sequence = events[-1].sequence + 1
-            self.attempt = events[-1].attempt
 
     def subscribe(self, subscriber: Subscriber) -> None:
         """Call ``subscriber`` with every event from now on, after the event is in the file."""
@@ -128,7 +124,7 @@ class EventLog:
 
     @contextmanager
     def step(self, event: Event) -> Generator[None]:
-        """Append ``event``, which starts a node; what its thread appends until the block ends belongs to it."""
+        """Append ``event``, which starts a node; events that its thread appends in the block belong to it."""
         token = _step.set(self.append(event).sequence)
         try:
             yield
@@ -136,8 +132,8 @@ class EventLog:
             _step.reset(token)
 
     def append(self, event: Event) -> Event:
-        """Stamp ``event`` with sequence, time, attempt and step, write it, tell the subscribers, return the copy.
-        A subscriber that fails is reported once as a warning; the run and the other subscribers go on."""
+        """Stamp ``event`` with sequence, time, attempt and step, write it, call the subscribers, return the copy. A
+        failing subscriber is reported once as a warning; the run and the other subscribers go on."""
         with self._lock:
             stamp: dict[str, float | None] = {
                 "sequence": self.sequence,
@@ -147,7 +143,10 @@ class EventLog:
             }
             stamped = event.model_copy(update=stamp)
             try:
-                relied_on = _is_relied_on(stamped)
+                # Work that is not repeated after these events: they must outlast a power cut.
+                relied_on = stamped.kind in ("node_ended", "run_ended") or (
+                    stamped.kind == "reply" and stamped.seconds > _QUICK
+                )
                 if relied_on:
                     flush_written_files()  # an event of files says that they are there
                 self._file.write(EVENT.dump_json(stamped) + b"\n")
@@ -158,18 +157,9 @@ class EventLog:
                 raise unwritable_error(self.path, error) from error
             self.sequence += 1
             for subscriber in self._subscribers:
-                with _ReportingExceptions(partial(self._warn_subscriber_failed, subscriber, stamped)):
+                with _SubscriberGuard(subscriber, stamped, self._reported):
                     subscriber(stamped)
             return stamped
-
-    def _warn_subscriber_failed(self, subscriber: Subscriber, event: Event, error: Exception) -> None:
-        """Warn of a failing subscriber, the first time it fails."""
-        if id(subscriber) not in self._reported:
-            self._reported.add(id(subscriber))
-            name = getattr(subscriber, "__qualname__", type(subscriber).__qualname__)
-            said = escape_control_chars(f"{type(error).__name__}: {error}")
-            text = f"{name} failed at event {event.sequence} ({event.kind}) and may show less than happened: {said}"
-            warnings.warn(text, RuntimeWarning, stacklevel=4)
 
     def close(self) -> None:
         """Close the file; appending is over."""

@@ -1,4 +1,4 @@
-"""The policy ``rules``: whose fault it is, from types, without a model."""
+"""The policy ``rules``: decides from typed findings, without a model, whether the program or its tests are at fault."""
 
 import json
 import math
@@ -9,13 +9,7 @@ from functools import cached_property
 
 from grs_agents.agents.types import Verdict
 from grs_agents.graph.policies.task_word_checks import read_task_words
-from grs_agents.graph.policies.types import (
-    Cause,
-    RoutingContext,
-    RoutingDecision,
-    list_stable_failures,
-    read_episode,
-)
+from grs_agents.graph.policies.types import Cause, RoutingContext, RoutingDecision, list_stable_failures, read_episode
 from grs_agents.sandbox.protocol.report import TestCase
 from grs_agents.sim.instance.episode import Episode
 
@@ -24,64 +18,56 @@ _BROKEN_SOURCE = (
     *("class_missing", "base_call_missing"),
 )
 _OTHER_TASK = ("asset_not_in_task", "asset_unused", "object_without_goal")
-"""Static findings by which a program is not that of the task, however well it runs."""
+"""Static findings of a program that is not that of the task, however well it runs."""
 _SHOWS_NOTHING = ("no_assertion", "skipped", "expected_failure", "missing", "extra", "duplicate", "replaced")
 _MEDDLING = re.compile(r"\.(?:max_steps|goals|pos_eps|rot_eps) = .*|\.(?:add_object|add_goal)\(.*")
-"""What tests do to the task or the scene that they are to test."""
+"""Changes that tests make to the task or the scene that they test."""
 _STRICTLY_MET = 0.95
+"""Least strict score of an episode whose goals are met."""
 _SAME_PLACE = 0.02
-"""Metres within which an object begins where the photo shows it."""
+"""Greatest distance (m) of the start of an object from its place in the photo."""
+_INFEASIBLE = ("target_too_small", "unreachable", "no_free_space", "no_seal", "would_tip")
+"""Outcomes that no program may be able to change: the task has to be revised."""
 
 
 class Rules:
     """Decide from types: static findings, who raised an error, how the oracle fared, what the task's words ask for.
 
-    The program is at fault where its source or its run is broken, where the oracle falls short, where goals are met
-    only loosely, and where it succeeds at something other than the task. Otherwise the tests are: they are in error, or
-    they expect what the task does not say. A verdict that left the report as it was gives way to the other one.
+    The program is at fault if its source or its run is broken, if the oracle falls short, if goals are met only
+    loosely, or if it succeeds at another task. Otherwise the tests are: they are in error, or expect more than the task
+    says. A verdict that left the report as it was gives way to the opposite verdict.
     """
 
     def decide(self, context: RoutingContext) -> RoutingDecision:
-        """Read the types; compare with the report of the decision before."""
+        """Apply the first rule that matches; compare with the report of the decision before."""
         evidence = _Evidence(context)
-        decision = _decide_by_first_matching_rule(evidence)
+        rules: tuple[Callable[[_Evidence], RoutingDecision | None], ...] = (
+            _decide_by_load_failures,  # the rules that leave no doubt come first
+            _decide_by_failed_cases,
+            _decide_by_oracle_episodes,
+            _decide_by_task_words,
+            _decide_against_tests,
+        )
+        decision = next(filter(None, (rule(evidence) for rule in rules)))
         last = context.earlier[-1] if context.earlier and not context.audit_failed else None
         if last is None or last.failures != list_stable_failures(context.report):
             return decision
-        other: Verdict = "fix_test" if last.verdict == "fix_code" else "fix_code"
+        opposite: Verdict = "fix_test" if last.verdict == "fix_code" else "fix_code"
         if last.verdict == decision.verdict == "fix_code" and evidence.is_infeasible and "fix_task" in context.verdicts:
-            other = "fix_task"
-        why = f"{last.verdict} left the report as it was, so {other} is next; {decision.explanation}"
-        return RoutingDecision(verdict=other, explanation=why, policy="rules")
-
-
-def _decide_by_first_matching_rule(evidence: "_Evidence") -> RoutingDecision:
-    """What the first of the rules says that has something to say; those that leave no doubt come first."""
-    rules: tuple[Callable[[_Evidence], RoutingDecision | None], ...] = (
-        _decide_by_load_failures,
-        _decide_by_failed_cases,
-        _decide_by_oracle_episodes,
-        _decide_by_task_words,
-    )
-    decisions = (rule(evidence) for rule in rules)
-    return next((decision for decision in decisions if decision is not None), None) or _route_to_tests_by_default(
-        evidence
-    )
-
-
-_INFEASIBLE = ("target_too_small", "unreachable", "no_free_space", "no_seal", "would_tip")
-"""Outcomes that no program may be able to change: the task has to be revised."""
+            opposite = "fix_task"
+        why = f"{last.verdict} left the report as it was, so {opposite} is next; {decision.explanation}"
+        return RoutingDecision(verdict=opposite, explanation=why, policy="rules")
 
 
 class _Evidence:
-    """The context, and what several rules read from it."""
+    """The context, and the facts that several rules read from it."""
 
     def __init__(self, context: RoutingContext) -> None:
         self.context, self.report = context, context.report
         self.failed = [case for case in self.report.cases if case.outcome not in ("passed", "not_run")]
 
     def find_static_finding(self, program: str, kinds: tuple[str, ...]) -> str:
-        """The first static finding of one of these kinds that blames ``program``, in words; empty without one."""
+        """The first static finding of these kinds that blames ``program``, in words; empty if there is none."""
         for finding in self.context.static:
             if finding.program == program and finding.kind in kinds:
                 return f"line {finding.line} of the {program} program: {finding.message}"
@@ -96,12 +82,12 @@ class _Evidence:
 
     @cached_property
     def solved(self) -> Episode | None:
-        """An episode in which the oracle met every goal."""
+        """An episode in which the oracle met every goal, if there is any."""
         return next((episode for _, episode in self.episodes if episode.outcome == "success"), None)
 
     @property
     def is_infeasible(self) -> bool:
-        """Whether something does not fit, or cannot be reached or held, in any episode."""
+        """Whether no episode succeeds, and an object does not fit or cannot be reached or held."""
         return self.solved is None and any(episode.outcome in _INFEASIBLE for _, episode in self.episodes)
 
 
@@ -115,16 +101,16 @@ def _blame_tests(why: str, sure: bool = True, expectation: bool = False) -> Rout
 
 
 def _decide_by_load_failures(evidence: _Evidence) -> RoutingDecision | None:
-    """The audit's verdict, and sources that cannot do anything."""
+    """A failed audit, broken sources, and tests that did not run."""
     report = evidence.report
     if evidence.context.audit_failed and "fix_code" not in evidence.context.verdicts:
         return _blame_tests("the audit finds fault with the tests alone")
     if evidence.context.audit_failed:
         return _blame_program("the tests pass but the audit of the task instances fails")
-    if found := evidence.find_static_finding("simulation", _BROKEN_SOURCE):
-        return _blame_program(found)
-    if found := evidence.find_static_finding("tests", (*_BROKEN_SOURCE, "no_tests")):
-        return _blame_tests(found)
+    if fault := evidence.find_static_finding("simulation", _BROKEN_SOURCE):
+        return _blame_program(fault)
+    if fault := evidence.find_static_finding("tests", (*_BROKEN_SOURCE, "no_tests")):
+        return _blame_tests(fault)
     if report.cases:
         return None
     why = f"no test ran: {report.message} (raised in {report.raised_in or report.outcome})"
@@ -133,7 +119,7 @@ def _decide_by_load_failures(evidence: _Evidence) -> RoutingDecision | None:
 
 
 def _decide_by_failed_cases(evidence: _Evidence) -> RoutingDecision | None:
-    """Tests that change what they test, and what the program raised or ran into."""
+    """Tests that change the task that they test, and errors and limits in the program."""
     if evidence.failed and (meddling := _MEDDLING.search(evidence.context.tests)):
         return _blame_tests(f"the tests change what they test: {meddling[0][:80]}", sure=False)
     for case in evidence.failed:
@@ -147,7 +133,7 @@ def _decide_by_failed_cases(evidence: _Evidence) -> RoutingDecision | None:
 
 
 def _decide_by_oracle_episodes(evidence: _Evidence) -> RoutingDecision | None:
-    """The oracle fell short by itself, or met goals only as loosely as they are published."""
+    """An oracle that falls short by itself, or meets goals only as loosely as they are published."""
     for case, episode in evidence.episodes:
         if episode.outcome == "success" and episode.strict < _STRICTLY_MET:
             missed = "; ".join(episode.shortfalls)
@@ -164,52 +150,42 @@ def _decide_by_oracle_episodes(evidence: _Evidence) -> RoutingDecision | None:
 
 
 def _decide_by_task_words(evidence: _Evidence) -> RoutingDecision | None:
-    """The program may run well and still not be that of the task: then a test that fails may well be right."""
-    if evidence.failed and (found := evidence.find_static_finding("simulation", _OTHER_TASK)):
-        return _blame_program(found)
+    """A program that runs well but may not be that of the task: a failed test may then be right."""
+    if evidence.failed and (fault := evidence.find_static_finding("simulation", _OTHER_TASK)):
+        return _blame_program(fault)
     if not evidence.failed or evidence.solved is None:
         return None
     words = read_task_words(evidence.context.task, evidence.context.scene)
     if unmet := words.find_violations(evidence.solved.motions):
         return _blame_program(f"the goals are met, the task is not: {'; '.join(unmet)}")
-    doubt = next(_list_doubts_about_program(evidence, evidence.solved), "")
+    doubt = next(_doubts_about_solved_program(evidence, evidence.solved), "")
     return _blame_program(doubt, sure=False) if doubt else None
 
 
-def _list_doubts_about_program(evidence: _Evidence, episode: Episode) -> Iterator[str]:
-    """What makes it likely that a program whose goals were met is wrong."""
+def _doubts_about_solved_program(evidence: _Evidence, episode: Episode) -> Iterator[str]:
+    """Signs that a program whose goals were met is wrong."""
     if not episode.actions:
         yield "the goals are met before the robot does anything"
-    for asset, places in _group_photo_positions_by_asset(evidence.context.scene).items():
+    in_photo: dict[str, list[tuple[float, float]]] = {}  # x, y (m) of the objects of each asset
+    for item in json.loads(evidence.context.scene or "{}").get("objects", ()):
+        in_photo.setdefault(item["asset"], []).append((item["position"][0], item["position"][1]))
+    for asset, places in in_photo.items():
         starts = [motion.start[:2] for motion in episode.motions if motion.asset == asset]
         if len(starts) > len(places):
             yield f"there are {len(starts)} of {asset}, the photo shows {len(places)}"
         elif any(min(math.dist(place, start) for place in places) > _SAME_PLACE for start in starts):
             yield f"{asset} does not begin where the photo shows it"
-    yield from _find_repeated_moves(episode)
-    if found := evidence.find_static_finding("simulation", ("reward_sum", "unknown_argument")):
-        yield found
-
-
-def _find_repeated_moves(episode: Episode) -> Iterator[str]:
-    """Objects that one goal sends somewhere and another one sends on."""
     counts = Counter(motion.asset for motion in episode.motions)
-    for asset, count in Counter(action.asset for action in episode.actions if action.asset).items():
+    for asset, moves in Counter(action.asset for action in episode.actions if action.asset).items():
         goals = sum(asset in goal.goal for goal in episode.goals)
-        if count > max(1, counts[asset]) and goals > 1:
-            yield f"{goals} goals ask for {asset}, which the robot moves {count} times"
+        if moves > max(1, counts[asset]) and goals > 1:
+            yield f"{goals} goals ask for {asset}, which the robot moves {moves} times"
+    if fault := evidence.find_static_finding("simulation", ("reward_sum", "unknown_argument")):
+        yield fault
 
 
-def _group_photo_positions_by_asset(scene: str) -> dict[str, list[tuple[float, float]]]:
-    """Where the photo shows the objects of each asset: x and y, metres."""
-    places: dict[str, list[tuple[float, float]]] = {}
-    for item in json.loads(scene or "{}").get("objects", ()):
-        places.setdefault(item["asset"], []).append((item["position"][0], item["position"][1]))
-    return places
-
-
-def _route_to_tests_by_default(evidence: _Evidence) -> RoutingDecision:
-    """Nothing speaks against the program, so the tests are in error, or expect what the task does not say."""
+def _decide_against_tests(evidence: _Evidence) -> RoutingDecision:
+    """No evidence against the program: the tests are in error, or expect more than the task says."""
     if not evidence.failed:
         message = f"the tests as a whole are {evidence.report.outcome}: {evidence.report.message}"
         return _blame_tests(message, sure=False)

@@ -1,7 +1,7 @@
-"""What a task's words say of objects ("put the can into the box"), held against where the robot left them.
+"""Relations of objects in a task's words ("put the can into the box"), compared with the objects' final positions.
 
-Only plain phrases are understood: objects, a preposition, a place, each named by words of its asset. What is not
-understood is not judged.
+Only plain phrases are understood: objects, a preposition, a place, each named by words of its asset. Other phrases are
+not judged.
 """
 
 import json
@@ -27,13 +27,15 @@ _ALSO_CALLED: Mapping[str, tuple[str, ...]] = {
     "container": ("box", "basket", "bin", "tray", "crate"),
     "zone": ("mark", "area", "mat", "square", "pad", "strip", "patch", "region"),
 }
+_MARGIN = 0.01
+"""Tolerance (m) on the half width of a place within which an object belongs to it."""
 _UNKNOWN_REACH = 0.25
 """Farthest (m) that an object put into or onto something of unknown size can be from its middle."""
 
 
 @dataclass(frozen=True)
 class WordedRelation:
-    """One thing that the words ask for."""
+    """A relation that the words ask for."""
 
     movers: tuple[str, ...]  # asset names, in the order of the words
     kind: Literal["on", "inside"]
@@ -43,40 +45,34 @@ class WordedRelation:
 
 @dataclass(frozen=True)
 class WordedTask:
-    """What could be understood of a task's words."""
+    """The relations that were understood of a task's words."""
 
     relations: tuple[WordedRelation, ...]
     half_widths: Mapping[str, float]  # of assets of the photo, metres
 
     def find_violations(self, motions: Sequence[ObjectMotion]) -> list[str]:
-        """A clause for each thing that the words ask for and that did not come about."""
-        unmet = dict.fromkeys(clause for relation in self.relations for clause in self._find_unmet(relation, motions))
-        return list(unmet) or list(self._find_mixed_groups(motions))
-
-    def _find_unmet(self, relation: WordedRelation, motions: Sequence[ObjectMotion]) -> Iterator[str]:
-        instances = [_select_motions_of_asset(name, motions) for name in relation.movers]
-        movers = [found[0] for found in instances if len(found) == 1]
-        places = _select_motions_of_asset(relation.place, motions)
-        for mover in movers if places else ():
-            yield from self._explain_unmet_placement(mover, relation, places)
-        for lower, upper in pairwise(movers):
-            if relation.bottom_up and upper.end[2] <= lower.end[2]:
-                yield f"{upper.asset} belongs above {lower.asset}, it ended below it"
-
-    def _explain_unmet_placement(
-        self, mover: ObjectMotion, relation: WordedRelation, places: Sequence[ObjectMotion]
-    ) -> Iterator[str]:
-        """How an object misses every one of its ``places``, if it does."""
-        away = min(_measure_distance(mover, place) for place in places)
-        if not mover.moved:
-            yield f"the words move {mover.asset}, which stayed where it was"
-        elif away > self.half_widths.get(relation.place, _UNKNOWN_REACH):
-            yield f"{mover.asset} belongs {relation.kind} {relation.place}, it ended {away:.2f} m from its middle"
-        elif relation.kind == "on" and all(mover.end[2] < place.end[2] for place in places):
-            yield f"{mover.asset} belongs on {relation.place}, it ended below it"
+        """A clause for each relation that the words ask for and that does not hold."""
+        unmet: list[str] = []
+        for relation in self.relations:
+            instances = [_select_motions_of_asset(name, motions) for name in relation.movers]
+            movers = [same[0] for same in instances if len(same) == 1]
+            places = _select_motions_of_asset(relation.place, motions)
+            for mover in movers if places else ():
+                away = min(_measure_distance(mover, place) for place in places)
+                belongs = f"{mover.asset} belongs {relation.kind} {relation.place}, it ended"
+                if not mover.moved:
+                    unmet.append(f"the words move {mover.asset}, which stayed where it was")
+                elif away > self.half_widths.get(relation.place, _UNKNOWN_REACH):
+                    unmet.append(f"{belongs} {away:.2f} m from its middle")
+                elif relation.kind == "on" and all(mover.end[2] < place.end[2] for place in places):
+                    unmet.append(f"{belongs} below it")
+            for lower, upper in pairwise(movers):
+                if relation.bottom_up and upper.end[2] <= lower.end[2]:
+                    unmet.append(f"{upper.asset} belongs above {lower.asset}, it ended below it")
+        return list(dict.fromkeys(unmet)) or list(self._find_mixed_groups(motions))
 
     def _find_mixed_groups(self, motions: Sequence[ObjectMotion]) -> Iterator[str]:
-        """Where several places are of one asset: those that the words put together are together, others are not."""
+        """Objects that the words put in different places of the same asset, yet that ended together."""
         taken: dict[int, int] = {}
         for number, relation in enumerate(self.relations):
             places = _select_motions_of_asset(relation.place, motions)
@@ -90,10 +86,22 @@ class WordedTask:
 
 
 def read_task_words(task: TaskDefinition, scene: str) -> WordedTask:
-    """What the description asks for, as far as it is understood; ``scene`` is the scene's JSON, which names objects."""
+    """Parse the relations in a task's description; ``scene`` is the scene's JSON, which names objects."""
     objects: list[dict[str, Any]] = json.loads(scene or "{}").get("objects", [])
-    words = {asset: _collect_asset_words(asset, objects) for asset in task.assets}
-    half_widths = {str(item["asset"]): _half_width_with_margin(item) for item in objects if "size" in item}
+    words: dict[str, set[str]] = {}  # names, kinds and colours by which people may call an asset
+    for asset in task.assets:
+        spoken = re.sub(r"([a-z])([A-Z])", r"\1 \2", asset.removesuffix(".urdf"))
+        for item in objects:
+            if item.get("asset") == asset:
+                spoken += f" {item.get('name', '')} {item.get('category', '')} {item.get('color', '')}"
+        plain = {word for word in re.findall(r"[a-z]+", spoken.lower()) if word not in ("hope", "template", "urdf")}
+        plain |= {_make_singular(word) for word in plain}
+        words[asset] = plain | {name for word in plain for name in _ALSO_CALLED.get(word, ())}
+    half_widths = {
+        str(item["asset"]): max(float(extent) for extent in item["size"][:2]) / 2 + _MARGIN
+        for item in objects
+        if "size" in item
+    }
     description = task.description.lower()
     bottom_up = bool(_BOTTOM_UP.search(description))
     relations = [
@@ -121,7 +129,7 @@ def _parse_worded_relations(clause: str, words: Mapping[str, set[str]], bottom_u
 
 
 def _find_assets_meant(phrase: str, words: Mapping[str, set[str]]) -> list[str]:
-    """The assets that a phrase names; none where it fits several alike and is no plural."""
+    """The assets that a phrase names; none if it fits several equally and is no plural."""
     spoken = re.findall(r"[a-z]+", phrase)
     plain = [_make_singular(word) for word in spoken]
     last = {*spoken[-1:], *plain[-1:]}
@@ -130,17 +138,6 @@ def _find_assets_meant(phrase: str, words: Mapping[str, set[str]]) -> list[str]:
     best = max(scores.values(), default=0)
     meant = [asset for asset, score in scores.items() if score == best > 0]
     return meant if len(meant) == 1 or len(last) == 2 else []
-
-
-def _collect_asset_words(asset: str, objects: Sequence[Mapping[str, Any]]) -> set[str]:
-    """The words by which people may call an asset: those of its name, its kind and its colour."""
-    said = re.sub(r"([a-z])([A-Z])", r"\1 \2", asset.removesuffix(".urdf"))
-    seen = [item for item in objects if item.get("asset") == asset]
-    for item in seen:
-        said += f" {item.get('name', '')} {item.get('category', '')} {item.get('color', '')}"
-    words = {word for word in re.findall(r"[a-z]+", said.lower()) if word not in ("hope", "template", "urdf")}
-    words |= {_make_singular(word) for word in words}
-    return words | {name for word in words for name in _ALSO_CALLED.get(word, ())}
 
 
 def _make_singular(word: str) -> str:
@@ -153,9 +150,5 @@ def _select_motions_of_asset(asset: str, motions: Sequence[ObjectMotion]) -> lis
     return [motion for motion in motions if motion.asset == asset]
 
 
-def _half_width_with_margin(item: Mapping[str, Any]) -> float:
-    return max(float(extent) for extent in item["size"][:2]) / 2 + 0.01
-
-
-def _measure_distance(one: ObjectMotion, other: ObjectMotion) -> float:
-    return math.dist(one.end[:2], other.end[:2])
+def _measure_distance(first: ObjectMotion, second: ObjectMotion) -> float:
+    return math.dist(first.end[:2], second.end[:2])

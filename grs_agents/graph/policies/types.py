@@ -1,4 +1,4 @@
-"""What a routing policy is given, and what it answers."""
+"""The context of a routing policy, and its decision."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,12 +14,12 @@ from grs_agents.sandbox.protocol.report import TestReport
 from grs_agents.sim.instance.episode import Episode
 
 Cause = Literal["tests_error", "wrong_expectation", "wrong_program", "cannot_tell"]
-"""Why something fails: the tests are in error; they expect what the task does not say; the program does not do what
-the task says, whether it raises, falls short or succeeds at something else; or the evidence does not tell."""
+"""Cause of a failure: the tests are in error; they expect more than the task says; the program does not do the task,
+since it raises, falls short or succeeds at another task; or the evidence leaves it open."""
 
 
 class EarlierDecision(Frozen):
-    """An earlier decision: the report that it was made on, and the verdict."""
+    """An earlier decision with the failures that it was made on."""
 
     failures: tuple[str, ...]  # `list_stable_failures` of that report
     verdict: Verdict  # which program was to be fixed
@@ -33,14 +33,14 @@ class RoutingContext:
     report: TestReport
     results: str  # report, static findings and audit as text
     audit_failed: bool  # the tests passed but the audit did not
-    history: tuple[str, ...]  # one line for each earlier decision and fix
-    agents: Agents  # the models, for policies that ask one
+    history: tuple[str, ...]  # a line for each earlier decision and fix
+    agents: Agents  # the models, for policies that ask a model
     simulation: str = ""  # source of the simulation program
     tests: str = ""  # source of its tests
     scene: str = ""  # the objects of the task as JSON
-    static: tuple[StaticFinding, ...] = ()  # what shows without a run
+    static: tuple[StaticFinding, ...] = ()  # faults that show without a run
     images: tuple[str, ...] = ()  # the end of the robot's episode, relative to the run folder
-    verdicts: tuple[Verdict, ...] = ("fix_code", "fix_test")  # what is left to try; others are not followed
+    verdicts: tuple[Verdict, ...] = ("fix_code", "fix_test")  # left to try; no other is followed
     earlier: tuple[EarlierDecision, ...] = ()  # the earlier decisions, oldest first
 
 
@@ -58,12 +58,12 @@ class Policy(Protocol):
     """Anything with a ``decide``."""
 
     def decide(self, context: RoutingContext) -> RoutingDecision:
-        """Say what to fix next."""
+        """Decide which of the programs, or the task, to fix next."""
         ...
 
 
 def list_stable_failures(report: TestReport) -> tuple[str, ...]:
-    """What went wrong in ``report``, without what differs from run to run: seconds, printed text, tracebacks.
+    """The failures in ``report`` without the parts that vary between runs: seconds, printed text, tracebacks.
 
     Two reports with the same failures show that the fix between them changed nothing.
     """
@@ -76,7 +76,7 @@ def list_stable_failures(report: TestReport) -> tuple[str, ...]:
 
 
 def read_episode(recorded: Mapping[str, object] | None) -> Episode | None:
-    """The episode that a test reported; None where it is none, as generated code may report anything."""
+    """The episode that a test reported; None if it is not valid, as generated code may report anything."""
     try:
         return None if recorded is None else Episode.model_validate(recorded)
     except ValidationError:

@@ -1,9 +1,9 @@
-"""Reading MJCF: the one object of a MuJoCo file, of boxes, cylinders, capsules, spheres and meshes.
+"""Reading MJCF: the single object of a MuJoCo file, of boxes, cylinders, capsules, spheres and meshes.
 
-The same care as for URDF: nothing is run or included, no file outside the library root is opened, what we do not
-understand is refused by name. A body with its children, which must not move against it, is one object; a free joint
-on it may stand there. Default classes count for geoms and meshes. A capsule becomes the cylinder of its length. Geoms
-that collide with nothing (contype = conaffinity = 0) are looks; where a file has none, the colliders are seen.
+As for URDF, nothing is run or included, no file outside the library root is opened, and unknown elements are refused by
+name. A body with its children, which must not move against it, forms the object; it may have a free joint. Default
+classes count for geoms and meshes. A capsule becomes the cylinder of its length. Geoms without collisions (contype =
+conaffinity = 0) are visuals; without such geoms the colliders are shown.
 """
 
 import math
@@ -44,10 +44,10 @@ class Frames:
         if len(self.sequence) != 3 or any(letter not in "xyzXYZ" for letter in self.sequence):
             raise source.make_error(f"eulerseq {self.sequence!r}", "give three of the letters x y z X Y Z")
 
-    def read_placement(self, said: Mapping[str, str]) -> Placement:
+    def read_placement(self, attributes: Mapping[str, str]) -> Placement:
         """Position and rotation of a body or geom with these attributes."""
-        x, y, z = self.source.parse_n_numbers(said.get("pos", "0 0 0"), "pos", 3)
-        return (x, y, z), self._read_rotation(said)
+        x, y, z = self.source.parse_n_numbers(attributes.get("pos", "0 0 0"), "pos", 3)
+        return (x, y, z), self._read_rotation(attributes)
 
     def parse_fromto(self, text: str) -> tuple[float, Placement]:
         """Length of a ``fromto`` and the placement whose z axis runs along it from its middle."""
@@ -58,30 +58,30 @@ class Frames:
         x, y, z = (float(value) for value in (start + end) / 2)
         return length, ((x, y, z), _quaternion_from_z_axis((end - start) / length))
 
-    def _read_rotation(self, said: Mapping[str, str]) -> Quat:
-        if "xyaxes" in said:
+    def _read_rotation(self, attributes: Mapping[str, str]) -> Quat:
+        if "xyaxes" in attributes:
             raise self.source.make_error("xyaxes is not read", "write the rotation as quat or euler")
-        if "quat" in said:
-            w, x, y, z = self._normalize_vector(self.source.parse_n_numbers(said["quat"], "quat", 4), "quat")
+        if "quat" in attributes:
+            w, x, y, z = self._normalize_vector(self.source.parse_n_numbers(attributes["quat"], "quat", 4), "quat")
             return (x, y, z, w)
-        if "axisangle" in said:
-            *axis, angle = self.source.parse_n_numbers(said["axisangle"], "axisangle", 4, _MAX_ANGLE)
+        if "axisangle" in attributes:
+            *axis, angle = self.source.parse_n_numbers(attributes["axisangle"], "axisangle", 4, _MAX_ANGLE)
             return _axis_angle_quaternion(np.array(self._normalize_vector(tuple(axis), "axisangle")), angle * self.unit)
-        if "zaxis" in said:
-            axis = self.source.parse_n_numbers(said["zaxis"], "zaxis", 3)
+        if "zaxis" in attributes:
+            axis = self.source.parse_n_numbers(attributes["zaxis"], "zaxis", 3)
             return _quaternion_from_z_axis(np.array(self._normalize_vector(axis, "zaxis")))
-        if "euler" in said:
-            return self._quaternion_from_euler(self.source.parse_n_numbers(said["euler"], "euler", 3, _MAX_ANGLE))
+        if "euler" in attributes:
+            # Lower-case letters turn about the moving axes, capitals about the fixed axes.
+            angles = self.source.parse_n_numbers(attributes["euler"], "euler", 3, _MAX_ANGLE)
+            total = IDENTITY_PLACEMENT
+            for letter, angle in zip(self.sequence, angles, strict=True):
+                axis = np.eye(3)["xyz".index(letter.lower())]
+                turn: Placement = (_ORIGIN, _axis_angle_quaternion(axis, angle * self.unit))
+                total = (
+                    transforms.compose_poses(total, turn) if letter.islower() else transforms.compose_poses(turn, total)
+                )
+            return total[1]
         return IDENTITY_PLACEMENT[1]
-
-    def _quaternion_from_euler(self, angles: tuple[float, ...]) -> Quat:
-        """Lower-case letters turn about the moving axes, capitals about the fixed ones."""
-        total = IDENTITY_PLACEMENT
-        for letter, angle in zip(self.sequence, angles, strict=True):
-            axis = np.eye(3)["xyz".index(letter.lower())]
-            turn: Placement = (_ORIGIN, _axis_angle_quaternion(axis, angle * self.unit))
-            total = transforms.compose_poses(total, turn) if letter.islower() else transforms.compose_poses(turn, total)
-        return total[1]
 
     def _normalize_vector(self, numbers: tuple[float, ...], name: str) -> tuple[float, ...]:
         length = math.sqrt(sum(number * number for number in numbers))
@@ -105,7 +105,7 @@ def _quaternion_from_z_axis(direction: np.ndarray[tuple[int], np.dtype[np.float6
 
 
 class MjcfDefaults:
-    """What a file's ``<default>`` classes say of its geoms, meshes and materials."""
+    """Attributes of geoms, meshes and materials by the ``<default>`` classes of a file."""
 
     def __init__(self, top: Element) -> None:
         self._classes: dict[tuple[str, str], dict[str, str]] = {}
@@ -113,13 +113,13 @@ class MjcfDefaults:
             self._collect_class_defaults(default, {})
 
     def _collect_class_defaults(self, default: Element, inherited: dict[str, dict[str, str]]) -> None:
-        own = {tag: dict(inherited.get(tag, {})) for tag in ("geom", "mesh", "material")}
-        for tag, said in own.items():
+        merged = {tag: dict(inherited.get(tag, {})) for tag in ("geom", "mesh", "material")}
+        for tag, attributes in merged.items():
             for element in default.findall(tag):
-                said.update(element.attrib)
-            self._classes[default.get("class", "main"), tag] = said
+                attributes.update(element.attrib)
+            self._classes[default.get("class", "main"), tag] = attributes
         for inner in default.findall("default"):
-            self._collect_class_defaults(inner, own)
+            self._collect_class_defaults(inner, merged)
 
     def attributes_with_defaults(self, element: Element, inherited: str) -> dict[str, str]:
         """An element's attributes over those of its class, else of the class ``inherited``, else of ``main``."""
@@ -139,13 +139,13 @@ class _Geom:
 
 
 def read_mjcf(path: Path, root: Path) -> ObjectModel:
-    """What an MJCF file says of its one object; the frame is that of its outermost body.
-    Raises InputError: it is not MJCF of one rigid object with files below ``root``; names the fault."""
+    """Read the single object of an MJCF file; its frame is that of the outermost body.
+    Raises InputError: it is not MJCF of a single rigid object with files below ``root``; names the fault."""
     return _Reader(ModelFile(read_text(path), str(path), root, path.parent)).build_object_model()
 
 
 class _Reader:
-    """One pass over one file."""
+    """A single pass over a file."""
 
     def __init__(self, source: ModelFile) -> None:
         self.source, top = source, source.top
@@ -168,15 +168,21 @@ class _Reader:
         """The object."""
         bodies, loose = self.source.top.findall("worldbody/body"), self.source.top.findall("worldbody/geom")
         if len(bodies) != 1 or loose:
-            found = f"{len(bodies)} bodies and {len(loose)} loose geoms in <worldbody>"
-            raise self.source.make_error(found, "give exactly one <body> that holds every geom")
+            message = f"{len(bodies)} bodies and {len(loose)} loose geoms in <worldbody>"
+            raise self.source.make_error(message, "give exactly one <body> that holds every geom")
         weights: list[float] = []
         geoms = list(self._read_body_geoms(bodies[0], IDENTITY_PLACEMENT, "", weights, True))
         frictions = [geom.friction for geom in geoms if geom.collides]
         colliders = [geom.shape for geom in geoms if geom.collides]
         visuals = [geom.shape for geom in geoms if not geom.collides]
-        mass = sum(weights) if weights else sum(map(self._require_geom_mass, geoms))
-        return self.source.build_object_model(visuals or colliders, colliders, mass, [*frictions, _FRICTION][0])
+        if not weights:
+            unweighed = next((geom for geom in geoms if geom.mass is None and geom.collides), None)
+            if unweighed is not None:
+                remedy = "give the geom a mass or the body an <inertial>"
+                raise self.source.make_error(f"mesh geom {unweighed.shape.mesh!r} has no mass", remedy)
+            weights = [geom.mass or 0.0 for geom in geoms]
+        friction = [*frictions, _FRICTION][0]
+        return self.source.build_object_model(visuals or colliders, colliders, sum(weights), friction)
 
     def _read_body_geoms(
         self, body: Element, place: Placement, inherited: str, weights: list[float], top: bool
@@ -196,30 +202,47 @@ class _Reader:
             inner = transforms.compose_poses(place, self.frames.read_placement(child.attrib))
             yield from self._read_body_geoms(child, inner, kind, weights, False)
 
-    def _read_geom(self, said: dict[str, str], place: Placement) -> _Geom:
-        name, kind, paint = said.get("name", ""), said.get("type", "sphere"), said.get("material", "")
-        mesh, size, local = None, (), self.frames.read_placement(said)
+    def _read_geom(self, attributes: dict[str, str], place: Placement) -> _Geom:
+        name, kind, paint = attributes.get("name", ""), attributes.get("type", "sphere"), attributes.get("material", "")
+        mesh, size, local = None, (), self.frames.read_placement(attributes)
         if kind == "mesh":
-            mesh, size = self._mesh_file_and_scale(said.get("mesh", ""))
+            mesh_name = attributes.get("mesh", "")
+            if mesh_name not in self.meshes:
+                raise self.source.make_error(f"mesh {mesh_name!r} is not among the assets", "name a <mesh> of <asset>")
+            asset = self.defaults.attributes_with_defaults(self.meshes[mesh_name], "")
+            for refused in ("vertex", "refpos", "refquat", "builtin"):
+                if refused in asset:
+                    raise self.source.make_error(
+                        f"mesh {mesh_name!r} has {refused}", "give it as a file in its own frame"
+                    )
+            scale = self.source.parse_n_numbers(asset.get("scale", "1 1 1"), "<mesh> scale", 3)
+            file = self.source.resolve_library_file(asset.get("file", ""), self.folder)
+            mesh, size = file, self.source.require_positive(scale, "<mesh> scale")
         elif kind in ("box", "sphere", "cylinder", "capsule"):
-            size, local = self._read_geom_size(kind, said, local)
+            size, local = self._read_geom_size(kind, attributes, local)
         else:
             raise self.source.make_error(f"geom {name!r} is a {kind}", "use box, sphere, cylinder, capsule or mesh")
         kinds: dict[str, ShapeKind] = {"box": "box", "sphere": "sphere", "mesh": "mesh"}
         at, turn = transforms.compose_poses(place, local)
-        friction = self.source.parse_numbers(said.get("friction", f"{_FRICTION}"), "friction")
-        color = self.source.parse_rgba(said["rgba"]) if "rgba" in said else self.material_colors.get(paint)
+        friction = self.source.parse_numbers(attributes.get("friction", f"{_FRICTION}"), "friction")
+        color = self.source.parse_rgba(attributes["rgba"]) if "rgba" in attributes else self.material_colors.get(paint)
         shape = Shape(kind=kinds.get(kind, "cylinder"), size=size, position=at, quaternion=turn, color=color, mesh=mesh)
-        collides = any(self._parse_nonnegative(said.get(bit, "1"), bit) for bit in ("contype", "conaffinity"))
-        mass = self._parse_nonnegative(said["mass"], "mass") if "mass" in said else self._mass_from_density(shape, said)
+        collides = any(self._parse_nonnegative(attributes.get(bit, "1"), bit) for bit in ("contype", "conaffinity"))
+        if "mass" in attributes:
+            mass = self._parse_nonnegative(attributes["mass"], "mass")
+        else:  # by density; the volume of a mesh is not measured
+            density = self._parse_nonnegative(attributes.get("density", f"{_DENSITY}"), "density", 1e5)
+            mass = 0.0 if density == 0 else None if kind == "mesh" else density * shape_volume(shape)
         return _Geom(shape, collides, mass, friction[0] if friction else _FRICTION)
 
-    def _read_geom_size(self, kind: str, said: dict[str, str], local: Placement) -> tuple[tuple[float, ...], Placement]:
+    def _read_geom_size(
+        self, kind: str, attributes: dict[str, str], local: Placement
+    ) -> tuple[tuple[float, ...], Placement]:
         """The size of a primitive as `Shape` gives it (MJCF's sizes are halves), and its placement."""
-        words = self.source.parse_numbers(said.get("size", ""), f"<geom> size of a {kind}")
+        words = self.source.parse_numbers(attributes.get("size", ""), f"<geom> size of a {kind}")
         length: float | None = None
-        if "fromto" in said and kind != "sphere":
-            length, local = self.frames.parse_fromto(said["fromto"])
+        if "fromto" in attributes and kind != "sphere":
+            length, local = self.frames.parse_fromto(attributes["fromto"])
         needed = {"box": 3, "sphere": 1}.get(kind, 2 if length is None else 1)
         if len(words) < needed or (kind == "box" and length is not None):
             remedy = f"give {needed} numbers, and no fromto for a box"
@@ -232,28 +255,6 @@ class _Reader:
             length = 2 * words[1] if length is None else length
             size = (words[0], length + (2 * words[0] if kind == "capsule" else 0.0))
         return self.source.require_positive(size, f"<geom> size of a {kind}"), local
-
-    def _mesh_file_and_scale(self, name: str) -> tuple[str, tuple[float, ...]]:
-        if name not in self.meshes:
-            raise self.source.make_error(f"mesh {name!r} is not among the assets", "name a <mesh> of <asset>")
-        said = self.defaults.attributes_with_defaults(self.meshes[name], "")
-        for refused in ("vertex", "refpos", "refquat", "builtin"):
-            if refused in said:
-                raise self.source.make_error(f"mesh {name!r} has {refused}", "give it as a file in its own frame")
-        scale = self.source.parse_n_numbers(said.get("scale", "1 1 1"), "<mesh> scale", 3)
-        file = self.source.resolve_library_file(said.get("file", ""), self.folder)
-        return file, self.source.require_positive(scale, "<mesh> scale")
-
-    def _mass_from_density(self, shape: Shape, said: dict[str, str]) -> float | None:
-        """Mass by density, kg; None for a mesh, whose volume we do not measure."""
-        density = self._parse_nonnegative(said.get("density", f"{_DENSITY}"), "density", 1e5)
-        return 0.0 if density == 0 else None if shape.kind == "mesh" else density * shape_volume(shape)
-
-    def _require_geom_mass(self, geom: _Geom) -> float:
-        if geom.mass is None and geom.collides:
-            remedy = "give the geom a mass or the body an <inertial>"
-            raise self.source.make_error(f"mesh geom {geom.shape.mesh!r} has no mass", remedy)
-        return geom.mass or 0.0
 
     def _parse_nonnegative(self, text: str, name: str, most: float = 1e3) -> float:
         try:

@@ -1,14 +1,11 @@
-"""Reads one model description with care: every error names its file, and nothing leaves the library.
-XML may come from strangers: it is bounded in length and depth, without document types, entities or inclusions."""
+"""Strict reading of a model description: every error names the file, and no path leaves the library. XML may come from
+strangers: it is bounded in length and depth, without document types, entities or inclusions."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 from xml.parsers import expat
-
-import numpy as np
-import numpy.typing as npt
 
 from grs_agents.base import Vec3
 from grs_agents.base.errors import InputError
@@ -69,7 +66,7 @@ MAX_SHAPES, MAX_METRES, MAX_PARTS = 500, 100.0, 64
 
 
 class ModelFile:
-    """The XML of one file, called ``where`` in errors; its file names are relative to ``folder``, inside ``root``."""
+    """The XML of a file, called ``where`` in errors; its file names are relative to ``folder``, inside ``root``."""
 
     def __init__(self, text: str, where: str, root: Path, folder: Path) -> None:
         self.where, self.root, self.folder = where, root.resolve(), folder
@@ -81,7 +78,8 @@ class ModelFile:
 
     def resolve_library_file(self, name: str, folder: str = "") -> str:
         """The library-relative name of a file, which must exist inside the library."""
-        if any(not _is_relative_file_name(part) for part in (name, folder or ".")):
+        parts = (name, folder or ".")
+        if any(not part or part.startswith("/") or set(part) & set(":\\\0") for part in parts):
             raise self.make_error(f"file name {name!r}", "name a file relative to the folder this one lies in")
         path = (self.folder / folder / name).resolve()
         if not path.is_relative_to(self.root):
@@ -98,7 +96,7 @@ class ModelFile:
         return numbers
 
     def parse_numbers(self, text: str, name: str, most: float = MAX_METRES) -> tuple[float, ...]:
-        """However many finite numbers there are; errors as `numbers`."""
+        """Any number of finite numbers; errors as `parse_n_numbers`."""
         try:
             numbers = tuple(float(word) for word in text.split())
         except ValueError:
@@ -114,7 +112,7 @@ class ModelFile:
         return (red, green, blue, alpha)
 
     def read_vector_attribute(self, element: Element | None, name: str) -> Vec3:
-        """Three numbers of an attribute; zeros where it is missing."""
+        """Three numbers of an attribute; zeros without it."""
         if element is None or name not in element.attrib:
             return (0.0, 0.0, 0.0)
         x, y, z = self.parse_n_numbers(element.attrib[name], name, 3)
@@ -135,7 +133,10 @@ class ModelFile:
             raise self.make_error("neither visual nor collision", "add at least one shape")
         if max(len(visuals), len(colliders)) > MAX_SHAPES:
             raise self.make_error(f"{max(len(visuals), len(colliders))} shapes, at most {MAX_SHAPES} are allowed")
-        bounds = merge_bounds(shape_bounds(shape, self._read_mesh_vertices(shape)) for shape in colliders or visuals)
+        bounds = merge_bounds(
+            shape_bounds(shape, None if shape.mesh is None else read_vertices(self.root / shape.mesh))
+            for shape in colliders or visuals
+        )
         seen = tuple(visuals or colliders)
         return ObjectModel(visuals=seen, colliders=tuple(colliders), mass=mass, friction=friction, bounds=bounds)
 
@@ -145,10 +146,3 @@ class ModelFile:
         while stem and len(parts) < MAX_PARTS and (self.root / f"{stem}.part{len(parts)}.obj").is_file():
             parts.append(shape.model_copy(update={"mesh": f"{stem}.part{len(parts)}.obj"}))
         return parts or [shape]
-
-    def _read_mesh_vertices(self, shape: Shape) -> npt.NDArray[np.float64] | None:
-        return None if shape.mesh is None else read_vertices(self.root / shape.mesh)
-
-
-def _is_relative_file_name(name: str) -> bool:
-    return bool(name) and not any(letter in name for letter in ":\\\0") and not name.startswith("/")

@@ -1,8 +1,8 @@
-"""Reading URDF: one rigid object of boxes, cylinders, spheres and meshes. Writing URDF: one rigid link.
+"""Reading URDF: a rigid object of boxes, cylinders, spheres and meshes. Writing URDF: a single rigid link.
 
-The files may come from users, so the reader trusts nothing: no document types or entities, no file outside the library
-root, no number that is not finite, no size that is not positive. Links that fixed joints hold together become one
-object; what moves in itself is refused.
+Files of users are untrusted: no document types or entities, no file outside the library root, no number that is not
+finite, no size that is not positive. Links that fixed joints hold together become a single object; moving joints are
+refused.
 """
 
 import posixpath
@@ -35,7 +35,7 @@ def format_urdf_text(
     inertia: Vec3 = (1e-4, 1e-4, 1e-4),
     folder: str = "",
 ) -> str:
-    """The URDF of one rigid object.
+    """Format the URDF of a rigid object.
 
     Args:
         mass: kg; 0 leaves the inertia out.
@@ -84,7 +84,7 @@ def _format_geometry_xml(shape: Shape, folder: str) -> str:
 
 
 def _quote_xml_attribute(text: str) -> str:
-    from xml.sax.saxutils import quoteattr  # which imports all that HTTP needs
+    from xml.sax.saxutils import quoteattr  # imports all of HTTP
 
     return quoteattr(text)
 
@@ -98,29 +98,23 @@ MAX_LINKS = 100
 
 
 def iterate_links_with_placements(source: ModelFile) -> Iterator[tuple[Element, Placement]]:
-    """Every link of the one tree of fixed joints, with its place in the root link's frame."""
+    """Every link of the tree of fixed joints, with its placement in the root link's frame."""
     robot = source.top
     links = {link.get("name", ""): link for link in robot.findall("link")}
-    joints, count = _require_fixed_joints(source), len(robot.findall("link"))
-    parents = {_link_name_of_joint(joint, "child"): joint for joint in joints}
-    roots = [name for name in links if name not in parents]
-    one_tree = len(links) == count and len(parents) == len(joints) == count - 1 and len(roots) == 1
-    if robot.tag != "robot" or not 0 < count <= MAX_LINKS or not one_tree:
-        found = f"<{robot.tag}> with {count} links and {len(joints)} fixed joints"
-        remedy = f"give a <robot> of one tree of 1 to {MAX_LINKS} links, each named and joined once"
-        raise source.make_error(found, remedy)
-    for name, link in links.items():
-        yield link, _compute_link_placement_in_root(source, name, links, parents)
-
-
-def _require_fixed_joints(source: ModelFile) -> list[Element]:
-    """The joints, all of them fixed."""
-    joints = source.top.findall("joint")
+    joints, count = robot.findall("joint"), len(robot.findall("link"))
     for joint in joints:
         if joint.get("type") != "fixed":
             name, kind = joint.get("name", ""), joint.get("type", "of no type")
             raise source.make_error(f"joint {name!r} is {kind}", "make it fixed: an object is one rigid thing")
-    return joints
+    parents = {_link_name_of_joint(joint, "child"): joint for joint in joints}
+    roots = [name for name in links if name not in parents]
+    one_tree = len(links) == count and len(parents) == len(joints) == count - 1 and len(roots) == 1
+    if robot.tag != "robot" or not 0 < count <= MAX_LINKS or not one_tree:
+        message = f"<{robot.tag}> with {count} links and {len(joints)} fixed joints"
+        remedy = f"give a <robot> of one tree of 1 to {MAX_LINKS} links, each named and joined once"
+        raise source.make_error(message, remedy)
+    for name, link in links.items():
+        yield link, _compute_link_placement_in_root(source, name, links, parents)
 
 
 def _link_name_of_joint(joint: Element, role: str) -> str:
@@ -149,7 +143,7 @@ _LOOK = tuple[Rgba | None, str | None]
 
 
 def read_urdf(source: Path | str, root: Path, folder: str = "") -> ObjectModel:
-    """What a URDF says, which is a file or XML text.
+    """Read a URDF, given as a file or as XML text.
 
     A mesh collides as the convex parts that lie beside it (``NAME.part0.obj`` and so on), else as its convex hull.
 
@@ -158,7 +152,7 @@ def read_urdf(source: Path | str, root: Path, folder: str = "") -> ObjectModel:
         folder: for XML text: the folder below ``root`` that its file names are relative to.
 
     Raises:
-        InputError: it is not a URDF of one rigid object that we can trust; names the fault.
+        InputError: it is not a trustworthy URDF of a single rigid object; names the fault.
     """
     if isinstance(source, Path):
         return _Reader(ModelFile(read_text(source), str(source), root, source.parent)).build_object_model()
@@ -166,7 +160,7 @@ def read_urdf(source: Path | str, root: Path, folder: str = "") -> ObjectModel:
 
 
 class _Reader:
-    """One pass over one URDF."""
+    """A single pass over a URDF."""
 
     def __init__(self, source: ModelFile) -> None:
         self.source, self.fault = source, source.make_error
@@ -196,7 +190,12 @@ class _Reader:
         if len(geometries) != 1:
             raise self.fault(f"<{tag}> has {len(geometries)} shapes in <geometry>", "give exactly one")
         geometry, origin = geometries[0], element.find("origin")
-        color, texture = self._resolve_material(element.find("material")) if tag == "visual" else (None, None)
+        material = element.find("material") if tag == "visual" else None
+        look: _LOOK = (None, None)
+        if material is not None:
+            named_color, named_texture = self.looks.get(material.get("name", ""), (None, None))
+            color, texture = self._parse_material(material)
+            look = (color or named_color, texture or named_texture)
         mesh: str | None = None
         size: tuple[float, ...]
         if geometry.tag == "box":
@@ -215,15 +214,8 @@ class _Reader:
         position = self.source.read_vector_attribute(origin, "xyz")
         quaternion = quaternion_from_rpy(*self.source.read_vector_attribute(origin, "rpy"))
         return Shape(
-            kind=kind, size=size, position=position, quaternion=quaternion, color=color, mesh=mesh, texture=texture
+            kind=kind, size=size, position=position, quaternion=quaternion, color=look[0], mesh=mesh, texture=look[1]
         )
-
-    def _resolve_material(self, material: Element | None) -> _LOOK:
-        if material is None:
-            return None, None
-        color, texture = self._parse_material(material)
-        named_color, named_texture = self.looks.get(material.get("name", ""), (None, None))
-        return color or named_color, texture or named_texture
 
     def _parse_material(self, material: Element) -> _LOOK:
         color, texture = material.find("color"), material.find("texture")

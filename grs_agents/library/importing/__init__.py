@@ -1,1 +1,1 @@
-"""Bringing 3D models of others into a library: read with care, checked, mended, weighed and written in one form."""
+"""Import of third-party 3D models: read with care, checked, repaired, weighed and written in a common form."""

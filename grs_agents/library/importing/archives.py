@@ -24,7 +24,15 @@ from grs_agents.library.importing.asset_discovery import (
 from grs_agents.library.importing.item_worker import unpack_in_worker
 from grs_agents.library.importing.mesh_reader import SUFFIXES
 from grs_agents.library.importing.source_folder import SourceFolder
-from grs_agents.library.importing.types import ImportLimits, ImportOptions, ImportOutcome, RefusedError, SourceItem
+from grs_agents.library.importing.types import (
+    MIN_UNPACKED_BYTES,
+    ZIP_ENTRY_BYTES,
+    ImportLimits,
+    ImportOptions,
+    ImportOutcome,
+    RefusedError,
+    SourceItem,
+)
 
 _PICTURES: Final = (".png", ".jpg", ".jpeg", ".tga", ".bmp", ".webp", ".avif", ".dds", ".gif", ".ktx2")
 _TEXTS: Final = (".mtl", ".bin", ".pbtxt", ".config", ".txt", ".md")
@@ -32,31 +40,27 @@ _WANTED: Final = frozenset((*SUFFIXES, *DESCRIPTIONS, *_PICTURES, *_TEXTS))
 _MAX_FILES: Final = 100_000
 _MAX_FOLDERS: Final = 32
 """Folders of a member's name: each is made, so that a name of 4,096 characters would make 2,000."""
-_MAX_DIRECTORY: Final = 250 * _MAX_FILES
-"""Bytes of a zip file's table of members: 46 for each, and its name."""
 _CHUNK: Final = 1 << 16
-_ROOM: Final = 50_000_000
-"""Bytes that any archive may unpack to, however small it is."""
 _ARCHIVE_ERRORS: Final = (
     *(zipfile.BadZipFile, tarfile.TarError, zlib.error, EOFError, OSError, RuntimeError, NotImplementedError),
     *(ValueError, LookupError),
 )
-"""What zipfile and tarfile raise on torn or forged files."""
+"""Errors of zipfile and tarfile on torn or forged files."""
 
 
 def is_archive(path: Path) -> bool:
-    """Whether a file's name says that it is an archive."""
+    """True if the file name has a suffix of an archive."""
     return path.is_file() and path.name.lower().endswith(ARCHIVE_SUFFIXES)
 
 
 def unpack_archive(archive: Path, target: Path, limits: ImportLimits) -> None:
     """Unpack the files of an archive that may belong to assets.
     Raises RefusedError: it is torn, leaves ``target``, or its members, wanted or not, unpack to too much."""
-    room = min(limits.unpacked, max(_ROOM, int(limits.ratio * archive.stat().st_size)))
+    room = min(limits.unpacked, max(MIN_UNPACKED_BYTES, int(limits.ratio * archive.stat().st_size)))
     try:
         with archive.open("rb") as file:
             if archive.name.lower().endswith((".zip", ".whl")):
-                with open_zip(file, archive.name, _MAX_DIRECTORY) as zipped:
+                with open_zip(file, archive.name, _MAX_FILES * ZIP_ENTRY_BYTES) as zipped:
                     _write_members(_open_zip_members(zipped, archive), target, archive, room)
             else:
                 # Beside the contents, headers: of a tar file that is not packed, they are no more than there are.
@@ -102,7 +106,7 @@ def _too_many_files_error(archive: Path) -> RefusedError:
 
 
 def _is_wanted_file(name: str, archive: Path) -> bool:
-    """Whether a file may belong to an asset; refused where its name leaves the folder."""
+    """True for a file that may belong to an asset; refused if its name leaves the folder."""
     pure = PurePosixPath(name)
     if pure.is_absolute() or ".." in pure.parts or any(letter in name for letter in ":\\\0"):
         raise RefusedError(f"{archive.name} holds {name[:120]!r}, which leaves the folder", "pack relative names")
@@ -113,7 +117,7 @@ def _is_wanted_file(name: str, archive: Path) -> bool:
 
 
 def _write_members(members: Iterable[Member], target: Path, archive: Path, room: int) -> None:
-    """Write files until ``room`` bytes are used up; then what was written is removed."""
+    """Write files until ``room`` bytes are used up; then all written files are removed."""
     left, written = room, list[Path]()
     for name, content in members:
         path = target / name
@@ -139,7 +143,7 @@ _HOMES = ("urdf", "urdfs", "xml", "mjcf", "robots")
 class ImportSource:
     """A source that can be read."""
 
-    folder: SourceFolder  # what file names are relative to
+    folder: SourceFolder  # root of all file names
     items: tuple[SourceItem, ...]
     collection: str  # the name that it suggests
     refused: tuple[tuple[str, RefusedError], ...] = ()  # archives that are not read, each with the reason
@@ -148,7 +152,7 @@ class ImportSource:
 
 @contextmanager
 def open_import_source(source: str, options: ImportOptions) -> Generator[ImportSource]:
-    """The assets of a source; what had to be unpacked is removed at the end.
+    """Find the assets of a source; unpacked files are removed at the end.
 
     Args:
         source: a folder, a mesh, URDF, MJCF or archive file, or ``hope`` for the installed packages.
@@ -172,7 +176,13 @@ def open_import_source(source: str, options: ImportOptions) -> Generator[ImportS
         yield ImportSource(folder, items, name, tuple((archive.name, beside) for archive in archives), unread)
         return
     with tempfile.TemporaryDirectory(prefix="grs-import-") as home:
-        refused = tuple(_unpack_archives(archives, Path(home), options.limits))
+        # Wheels are unpacked over one another, as when they are installed.
+        targets = [
+            (archive, Path(home, "" if archive.suffix == ".whl" else slugify_name(archive.name.partition(".")[0])))
+            for archive in archives
+        ]
+        errors = unpack_in_worker(targets, Path(home), options.limits)
+        refused = tuple((archive.name, error) for archive, error in errors.items())
         folder = SourceFolder(Path(home), options.limits.bytes)
         items, unread = survey_folder(folder)
         yield ImportSource(folder, tuple(items), name, refused, tuple(unread))
@@ -181,50 +191,30 @@ def open_import_source(source: str, options: ImportOptions) -> Generator[ImportS
 def _find_unpacked_items(
     path: Path, options: ImportOptions, *, hope_only: bool
 ) -> tuple[SourceFolder, tuple[SourceItem, ...], tuple[ImportOutcome, ...]]:
-    """The assets of a folder or file that is not packed after what their file names are relative to, and what is not
-    read."""
-    if path.is_file():
-        folder = SourceFolder(_find_source_root(path.resolve()), options.limits.bytes)
-        return folder, (_source_item_of_file(path, folder.relative_file_name(path)),), ()
-    folder = SourceFolder(path, options.limits.bytes)
-    items, unread = survey_folder(folder)
-    if hope_only:
-        return folder, tuple(item for item in items if item.kind == "hope"), ()
-    return folder, tuple(items), tuple(unread)
-
-
-def _unpack_archives(archives: list[Path], home: Path, limits: ImportLimits) -> Iterable[tuple[str, RefusedError]]:
-    """Unpack archives, wheels over one another as when they are installed; those that are refused."""
-    targets = [
-        (archive, home if archive.suffix == ".whl" else home / slugify_name(archive.name.partition(".")[0]))
-        for archive in archives
-    ]
-    for archive, error in unpack_in_worker(targets, home, limits).items():
-        yield archive.name, error
-
-
-def _source_item_of_file(path: Path, relative: str) -> SourceItem:
-    suffix = path.suffix.lower()
+    """Source folder, assets and unread models of a folder or file that is not packed."""
+    if path.is_dir():
+        folder = SourceFolder(path, options.limits.bytes)
+        items, unread = survey_folder(folder)
+        if hope_only:
+            return folder, tuple(item for item in items if item.kind == "hope"), ()
+        return folder, tuple(items), tuple(unread)
+    # The files that it names may lie in its ROS package, or in the folder around ``urdf/``.
+    file, suffix = path.resolve(), path.suffix.lower()
+    home = file.parent.parent if file.parent.name.lower() in _HOMES else file.parent
+    root = next((parent for parent in file.parents[:4] if (parent / "package.xml").is_file()), home)
+    folder = SourceFolder(root, options.limits.bytes)
     if suffix in UNREAD:
         what, way = UNREAD[suffix]
         raise InputError(f"{path} is {what}, which is not read", way)
     if suffix not in (*SUFFIXES, *DESCRIPTIONS):
         raise InputError(f"{path} is no asset", f"name a file that ends in {', '.join((*SUFFIXES, *DESCRIPTIONS))}")
-    return SourceItem(
-        kind=DESCRIPTIONS.get(suffix, "mesh"), name=slugify_name(path.stem), title=path.stem, file=relative
-    )
-
-
-def _find_source_root(path: Path) -> Path:
-    """The folder that files named by ``path`` may lie in: its package, or the folder around ``urdf/``."""
-    for parent in path.parents[:4]:
-        if (parent / "package.xml").is_file():
-            return parent
-    return path.parent.parent if path.parent.name.lower() in _HOMES else path.parent
+    kind, relative = DESCRIPTIONS.get(suffix, "mesh"), folder.relative_file_name(path)
+    item = SourceItem(kind=kind, name=slugify_name(path.stem), title=path.stem, file=relative)
+    return folder, (item,), ()
 
 
 def _find_hope_folder() -> Path:
-    """Where the installed packages keep the HOPE meshes."""
+    """Folder of the HOPE meshes in the installed packages."""
     spec = importlib.util.find_spec(_PACKAGE)
     for place in (spec.submodule_search_locations or []) if spec is not None else []:
         if (Path(place) / "assets" / "stable_hope_objects").is_dir():

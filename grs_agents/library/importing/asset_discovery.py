@@ -1,11 +1,11 @@
-"""What assets a folder holds: known layouts first, then descriptions, then loose meshes."""
+"""Assets of a folder: known layouts first, then descriptions, then loose meshes."""
 
 import re
 import unicodedata
 from collections import Counter
 from collections.abc import Iterator
 from itertools import islice
-from pathlib import Path, PurePosixPath
+from pathlib import PurePosixPath
 from typing import Final
 from urllib.parse import unquote
 
@@ -41,9 +41,9 @@ UNREAD: Final[dict[str, tuple[str, str]]] = {
     ".world": ("a Gazebo world", "import the models that it names"),
     **dict.fromkeys((".7z", ".rar", ".gz", ".bz2", ".xz", ".zst"), ("an archive", _UNPACK)),
 }
-"""Formats of models that are not read: what they are, and the way to what is."""
+"""Unsupported model formats: name of the format, and a way to a supported format."""
 ARCHIVE_SUFFIXES: Final = (".zip", ".whl", ".tgz", ".tar.gz", ".tar")
-"""Archives that are unpacked where they lie in the source itself."""
+"""Archives that are unpacked if they lie in the source itself."""
 _PREFERRED: Final = (".glb", ".gltf", ".obj", ".dae", ".ply", ".3mf", ".stl", ".off", ".msh")
 _COLLISION: Final = re.compile(r"(_coll?|_collision|_ch|_vis|\.part\d+|_convex.*|coacd.*|vhacd.*)$", re.IGNORECASE)
 _UNTOLD: Final = ("model", "mesh", "textured", "object", "scene", "untitled")
@@ -71,7 +71,9 @@ def find_source_items(folder: SourceFolder) -> list[SourceItem]:
 
 def survey_folder(folder: SourceFolder) -> tuple[list[SourceItem], list[ImportOutcome]]:
     """The assets of a folder as `find_source_items`, and the models that are passed over, each with the reason."""
-    names = list(_list_visible_files(folder.root))
+    paths = [path for path in sorted(islice(folder.root.rglob("*"), _MOST)) if path.is_file() and not path.is_symlink()]
+    relative = [path.relative_to(folder.root) for path in paths]
+    names = [path.as_posix() for path in relative if not any(part.startswith(".") for part in path.parts)]
     claimed: set[str] = set()
     beside: dict[str, str] = {}
     items: list[SourceItem] = []
@@ -79,7 +81,12 @@ def survey_folder(folder: SourceFolder) -> tuple[list[SourceItem], list[ImportOu
     for layout in (*known, _find_urdf_and_mjcf_items(folder, names, claimed, beside)):
         items += [item for item in layout if not _belongs_to_claimed_item(item.file, claimed)]
         claimed |= {item.file for item in items}
-        claimed |= {f"{_folder_owned_by_item(item)}/" for item in items if item.kind in ("gso", "ycb", "hope")}
+        for item in items:  # of a known layout; its folder is claimed, for HOPE that of the set with its copies
+            if item.kind in ("gso", "ycb", "hope"):
+                parts = PurePosixPath(item.file).parts
+                nested = item.kind == "gso" or not _YCB.match(parts[-2])
+                depth = parts.index(_HOPE) + 1 if item.kind == "hope" else -2 if nested else -1
+                claimed.add("/".join(parts[:depth]) + "/")
     items += list(_find_loose_mesh_items(names, claimed))
     files = {file for item in items for file in (item.file, *item.files)}
     unread = {
@@ -101,7 +108,7 @@ def survey_folder(folder: SourceFolder) -> tuple[list[SourceItem], list[ImportOu
 
 
 def find_item_files(folder: SourceFolder, item: SourceItem) -> tuple[str, ...]:
-    """All files that an item is made of, as far as they can be found; what is wrong with them is said on reading."""
+    """All existing files of an item; reading reports the faults."""
     files = {item.file, *([item.texture] if item.texture else []), *item.files}
     for name in tuple(files):
         if name.lower().endswith(".obj"):
@@ -122,15 +129,15 @@ _LETTERS: Final = dict(
         strict=True,
     )
 )
-"""Cyrillic and Greek letters, whose Unicode names are not how they are written, and one whose name is a description."""
+"""Cyrillic and Greek letters, whose Unicode names are not their usual transliteration, and the sharp s."""
 _LETTER_NAME: Final = re.compile(r"(?:LETTER|SYLLABLE|LIGATURE|VOWEL SIGN|DIGIT)(?: SMALL)? (.+?)(?: WITH .+)?$")
 
 
 def slugify_name(name: str) -> str:
     """A name as files and programs can bear it: letters, digits, ``_`` and ``-``, at most 64.
 
-    Other scripts are transliterated, by the Unicode names of their letters where these are their sounds; ideographs
-    become their code points.
+    Other scripts are transliterated, by the Unicode names of letters that are their sounds; ideographs become their
+    code points.
     """
     plain = "".join(map(_transliterate, unicodedata.normalize("NFKC", name)))
     slug = re.sub(r"[^A-Za-z0-9_-]+", "_", plain).strip("_-")[:64]
@@ -150,28 +157,12 @@ def _transliterate(letter: str) -> str:
     return latin.capitalize() if letter.isupper() else latin
 
 
-def _list_visible_files(root: Path) -> Iterator[str]:
-    """Every file below ``root`` by its relative name, hidden ones and links left out."""
-    for path in sorted(islice(root.rglob("*"), _MOST)):
-        relative = path.relative_to(root)
-        if path.is_file() and not path.is_symlink() and not any(part.startswith(".") for part in relative.parts):
-            yield relative.as_posix()
-
-
 def _belongs_to_claimed_item(file: str, claimed: set[str]) -> bool:
     return file in claimed or any(f"{parent}/" in claimed for parent in PurePosixPath(file).parents)
 
 
 def _lower_suffix(file: str) -> str:
     return PurePosixPath(file).suffix.lower()
-
-
-def _folder_owned_by_item(item: SourceItem) -> str:
-    """The folder that belongs to an item of a known layout; that of the whole set for HOPE with its copies."""
-    parts = PurePosixPath(item.file).parts
-    if item.kind == "hope":
-        return "/".join(parts[: parts.index(_HOPE) + 1])
-    return "/".join(parts[: -2 if item.kind == "gso" or not _YCB.match(parts[-2]) else -1])
 
 
 def _find_hope_items(names: list[str]) -> Iterator[SourceItem]:
@@ -184,17 +175,12 @@ def _find_hope_items(names: list[str]) -> Iterator[SourceItem]:
     kinds = {PurePosixPath(home).name for home in homes}
     for home, files in homes.items():
         kind = PurePosixPath(home).name
-        mesh = _choose_hope_mesh(home, files)
+        direct = (file for file in files if PurePosixPath(file).parent.as_posix() == home and file.endswith(".obj"))
+        visible = (file for file in direct if not _COLLISION.search(PurePosixPath(file).stem))
+        mesh = next(visible, None) or next((file for file in files if file.endswith(".msh")), None)
         if mesh is not None and kind.partition("_")[2] not in kinds:
             texture = next((file for file in files if file.endswith("/texture_map.png")), None)
             yield SourceItem(kind="hope", name=kind, file=mesh, texture=texture, license=HOPE_LICENSE)
-
-
-def _choose_hope_mesh(home: str, files: list[str]) -> str | None:
-    """The mesh to look at of a HOPE object: the OBJ in its folder, else a binary one anywhere below."""
-    direct = (file for file in files if PurePosixPath(file).parent.as_posix() == home and file.endswith(".obj"))
-    visible = (file for file in direct if not _COLLISION.search(PurePosixPath(file).stem))
-    return next(visible, None) or next((file for file in files if file.endswith(".msh")), None)
 
 
 def _find_gso_items(names: list[str]) -> Iterator[SourceItem]:
@@ -210,7 +196,7 @@ def _find_gso_items(names: list[str]) -> Iterator[SourceItem]:
 
 
 def _find_ycb_items(names: list[str]) -> Iterator[SourceItem]:
-    """YCB objects: a folder ``NNN_name`` with one of several meshes of the same thing."""
+    """YCB objects: a folder ``NNN_name`` with several meshes of the same object."""
     known = set(names)
     parents = {parent for name in names for parent in PurePosixPath(name).parents}
     for home in sorted(parent.as_posix() for parent in parents if _YCB.match(parent.name)):
@@ -222,7 +208,8 @@ def _find_ycb_items(names: list[str]) -> Iterator[SourceItem]:
 def _find_urdf_and_mjcf_items(
     folder: SourceFolder, names: list[str], claimed: set[str], beside: dict[str, str]
 ) -> Iterator[SourceItem]:
-    """URDF, SDF and MJCF files; the meshes that they name are theirs, and those ``beside`` the only one of a folder."""
+    """URDF, SDF and MJCF files with the meshes that they name; a sole description of a folder owns all meshes
+    ``beside`` it."""
     known = set(names)
     titles = {
         name: title
@@ -239,10 +226,21 @@ def _find_urdf_and_mjcf_items(
     ]
     homes = Counter(PurePosixPath(name).parent.as_posix() for name in descriptions)
     for name in descriptions:
-        text = None if _belongs_to_claimed_item(name, claimed) else _read_urdf_or_mjcf_text(folder.root / name)
-        if text is None:
+        if _belongs_to_claimed_item(name, claimed):
             continue
-        parts = _find_mentioned_files(text, name, names)
+        mark = {".urdf": "", ".sdf": "<sdf"}.get(_lower_suffix(name), "<mujoco")
+        with (folder.root / name).open(encoding="utf-8", errors="replace") as opened:
+            text = opened.read(_HEAD)
+            if mark not in text:
+                continue  # XML of another kind
+            text += opened.read(_MOST)
+        mentions = (file or uri.strip() for file, uri in _FILES.findall(text))
+        mentioned = {PurePosixPath(unquote(file).replace("\\", "/")).name.casefold() for file in mentions}
+        vicinity = PurePosixPath(name).parent.parent  # of "." it is "." itself
+        files = [PurePosixPath(file) for file in names]
+        parts = tuple(
+            file.as_posix() for file in files if file.name.casefold() in mentioned and file.is_relative_to(vicinity)
+        )
         claimed |= set(parts)
         pure = PurePosixPath(name)
         home = pure.parent.as_posix()
@@ -255,7 +253,7 @@ def _find_urdf_and_mjcf_items(
 
 
 def _read_config(folder: SourceFolder, config: str, known: set[str]) -> Iterator[tuple[str, str]]:
-    """The newest SDF file of ``known`` ones that a ``model.config`` of Gazebo names, and the name of the model."""
+    """The newest SDF file of ``known`` files that a ``model.config`` of Gazebo names, and the name of the model."""
     with (folder.root / config).open(encoding="utf-8", errors="replace") as file:
         text = file.read(_MOST)
     versions = [
@@ -268,30 +266,13 @@ def _read_config(folder: SourceFolder, config: str, known: set[str]) -> Iterator
         yield file, title[1].strip() if title is not None else ""
 
 
-def _read_urdf_or_mjcf_text(path: Path) -> str | None:
-    """The text of a URDF, SDF or MJCF file; None for XML of another kind."""
-    mark = {".urdf": "", ".sdf": "<sdf"}.get(_lower_suffix(path.name), "<mujoco")
-    with path.open(encoding="utf-8", errors="replace") as file:
-        head = file.read(_HEAD)
-        return head + file.read(_MOST) if mark in head else None
-
-
-def _find_mentioned_files(text: str, description: str, names: list[str]) -> tuple[str, ...]:
-    """The files whose names a description says, below its folder or the folder around that."""
-    said = (file or uri.strip() for file, uri in _FILES.findall(text))
-    mentioned = {PurePosixPath(unquote(file).replace("\\", "/")).name.casefold() for file in said}
-    around = PurePosixPath(description).parent.parent  # of "." it is "." itself
-    files = [PurePosixPath(file) for file in names]
-    return tuple(file.as_posix() for file in files if file.name.casefold() in mentioned and file.is_relative_to(around))
-
-
 def _name_that_tells(file: PurePosixPath) -> str:
-    """The name of a file without its suffix, or that of its folder where it says nothing."""
+    """The name of a file without its suffix, or that of its folder for a meaningless name."""
     return file.parent.name if file.stem.lower() in _UNTOLD and file.parent.name else file.stem
 
 
 def _find_loose_mesh_items(names: list[str], claimed: set[str]) -> Iterator[SourceItem]:
-    """Meshes that belong to nothing else: one of each name, in the format that says most."""
+    """Meshes without a description: for each name the file in the richest format."""
     loose: dict[str, list[str]] = {}
     for name in names:
         if _lower_suffix(name) in SUFFIXES and not _belongs_to_claimed_item(name, claimed):

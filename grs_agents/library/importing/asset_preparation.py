@@ -1,13 +1,24 @@
-"""One item of a source, from its file to a repaired, weighed and decomposed asset in metres with z up."""
+"""An item of a source, from its file to an asset in the library: repaired, weighed, decomposed, in metres with z up.
 
+The worker's part of an import: it holds no keys and opens no other file.
+"""
+
+import hashlib
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 
 from grs_agents.base import Vec3
-from grs_agents.library.asset import Asset, Origin, Physics, Quantity
+from grs_agents.base.files import write_bytes
+from grs_agents.base.geometry.transforms import to_vec3
+from grs_agents.library.asset import DEFAULT_FRICTION, Asset, Origin, PhysicalProperties, Quantity
+from grs_agents.library.asset_rendering import render_random_views
+from grs_agents.library.formats.model_file import MAX_PARTS
+from grs_agents.library.formats.urdf import format_urdf_text
+from grs_agents.library.importing.archives import unpack_archive
 from grs_agents.library.importing.convex_decomposition import (
     MAX_VERTICES,
     compute_convex_hull,
@@ -32,21 +43,25 @@ from grs_agents.library.importing.texture_atlas import merge_mesh_parts
 from grs_agents.library.importing.types import (
     METRES,
     UP_TO_Z,
+    AtlasMesh,
     Collider,
     ConvexHull,
     Floats,
     ImportJob,
+    ImportLimits,
     ImportOptions,
     RefusedError,
     SourceModel,
-    TexturedMesh,
     Unit,
     Up,
 )
-from grs_agents.library.mesh_files import mesh_area, mesh_volume
+from grs_agents.library.library import Library
+from grs_agents.library.mesh_files import box_inertia, encode_png, format_obj_text, mesh_area, mesh_volume
+from grs_agents.library.shapes import Shape
+from grs_agents.sandbox.harness.answers import answer_or_refuse, send_blob
 
 USUAL: Final = (0.02, 0.7)
-"""Longest extent (m) that a thing on a table usually has."""
+"""Usual longest extent (m) of an object on a table."""
 POSSIBLE: Final = (0.003, 3.0)
 _CATEGORIES: Final = """
     50: sponge | 300: shoe | 400: box ball toy | 600: block basket | 850: apple | 950: plum | 1200: cup
@@ -59,16 +74,22 @@ _DENSITIES: Final = {category: float(density) for density, _, names in _ROWS for
 _DENSITY: Final = 500.0
 _MASSES: Final = (0.003, 20.0)
 _SIZES: Final = (0.002, 5.0)
+_TRIAL_MASS: Final = 0.3
+"""kg, in the drop test that chooses the up axis, before the mass is known."""
 
 
-def prepare_asset(job: ImportJob) -> tuple[Asset, TexturedMesh, list[Collider]]:
-    """The entry of an item, which names no files yet; what is seen, centred on the origin; and what touches."""
+def prepare_asset(job: ImportJob) -> tuple[Asset, AtlasMesh, list[Collider]]:
+    """Prepare an item. Returns: its entry without files, its mesh centred on the origin, its colliders."""
     item, options = job.item, job.options
     reading = _read_source_model(job)
     if not reading.parts:
         raise RefusedError(f"{item.file} shows nothing", "add a visual")
     solid = merge_mesh_parts(reading.parts, options.texture)
-    scale, turn = _choose_scale_and_turn(solid, reading, options)
+    scale = METRES[_choose_length_unit(float(np.ptp(solid.vertices, axis=0).max()), reading, options)]
+    vertices, up = solid.vertices * scale, options.up if reading.up == "auto" else reading.up
+    if reading.height is not None:
+        up = choose_up_axis_by_height(np.ptp(solid.vertices, axis=0) * scale, reading.height, up, reading.notes)
+    turn = UP_TO_Z[_choose_stable_up_axis(vertices, reading.notes) if up == "auto" else up]
     solid, watertight, repairs = repair_mesh(replace(solid, vertices=solid.vertices * scale @ turn.T))
     notes = [*reading.notes, *repairs]
     if reading.colliders is None:
@@ -81,14 +102,26 @@ def prepare_asset(job: ImportJob) -> tuple[Asset, TexturedMesh, list[Collider]]:
         raise RefusedError(message, "scale what is seen and what collides to metres, with z up")
     else:
         colliders = reading.colliders
-    solid, colliders = _center_mesh_and_solids(solid, colliders)
+    middle = (solid.vertices.min(axis=0) + solid.vertices.max(axis=0)) / 2
+    solid = replace(solid, vertices=solid.vertices - middle)
+    colliders = [
+        ConvexHull(collider.vertices - middle, collider.faces)
+        if isinstance(collider, ConvexHull)
+        else collider.model_copy(update={"position": to_vec3(np.asarray(collider.position) - middle)})
+        for collider in colliders
+    ]
     x, y, z = (round(extent, 5) for extent in np.ptp(solid.vertices, axis=0).tolist())
     size: Vec3 = (x, y, z)
     if not _SIZES[0] <= max(size) <= _SIZES[1]:
         raise RefusedError(f"it is {max(size):.3g} m long, outside {_SIZES[0]} to {_SIZES[1]} m", "give its --unit")
     category = reading.category or category_from_name(item.title or item.name)
     volume = mesh_volume(solid.vertices, solid.faces) if watertight else sum(map(collider_volume, colliders))
-    physics = _estimate_physics(reading, category, volume)
+    mass = reading.mass
+    if mass is None:
+        kilograms = float(np.clip(volume * _DENSITIES.get(category, _DENSITY), *_MASSES))
+        provenance, deviation = ("estimate", 0.4) if category in _DENSITIES else ("default", 0.6)
+        mass = Quantity(value=float(f"{kilograms:.4g}"), provenance=provenance, deviation=deviation)
+    physics = PhysicalProperties(mass=mass, friction=reading.friction or DEFAULT_FRICTION)
     result = run_drop_test(colliders, physics.mass.value, physics.friction.value)
     notes += [] if result.is_stable else [f"it does not rest as it stands: {result}"]
     shape, hollow = (*sorted(size), mesh_area(solid.vertices, solid.faces), volume), is_hollow(solid)
@@ -138,15 +171,6 @@ def _read_source_model(job: ImportJob) -> SourceModel:
     return reading
 
 
-def _choose_scale_and_turn(solid: TexturedMesh, reading: SourceModel, options: ImportOptions) -> tuple[float, Floats]:
-    """The scale to metres and the rotation to z up of a mesh; adds to the reading's notes what was guessed."""
-    scale = METRES[_choose_length_unit(float(np.ptp(solid.vertices, axis=0).max()), reading, options)]
-    vertices, up = solid.vertices * scale, options.up if reading.up == "auto" else reading.up
-    if reading.height is not None:
-        up = choose_up_axis_by_height(np.ptp(solid.vertices, axis=0) * scale, reading.height, up, reading.notes)
-    return scale, UP_TO_Z[_choose_stable_up_axis(vertices, reading.notes) if up == "auto" else up]
-
-
 def _choose_length_unit(extent: float, reading: SourceModel, options: ImportOptions) -> Unit:
     """The unit that the user or the format says, unless it cannot be or there is none: then a guess, with a note."""
     unit = options.unit if reading.unit == "auto" else reading.unit
@@ -162,7 +186,7 @@ def _choose_length_unit(extent: float, reading: SourceModel, options: ImportOpti
 
 
 def guess_length_unit(extent: float) -> tuple[Unit, str]:
-    """The unit in which ``extent``, the longest of a thing, is usual on a table, and a note where it was not clear."""
+    """The unit in which the longest ``extent`` is usual on a table, and a note if it was ambiguous."""
     units: tuple[Unit, ...] = ("m", "cm", "mm")
     fitting: list[Unit] = []
     for low, high in (USUAL, POSSIBLE):
@@ -177,8 +201,8 @@ def guess_length_unit(extent: float) -> tuple[Unit, str]:
 
 
 def choose_up_axis_by_height(extents: Floats, height: float, usual: Up, notes: list[str]) -> Up:
-    """The axis along which ``extents`` (m) are ``height``; the format's ``usual`` where another is no better by 5 %.
-    A note is added where that is not the usual axis or none fits."""
+    """The axis along which ``extents`` (m) best fit ``height``; the format's ``usual`` axis unless another is better by
+    5 %. A note is added if it is not the usual axis or none fits."""
     axes: tuple[Up, ...] = ("x", "y", "z")
     errors = {axis: abs(float(extent) - height) / height for axis, extent in zip(axes, extents, strict=True)}
     best = min(axes, key=lambda axis: errors[axis])
@@ -192,11 +216,13 @@ def choose_up_axis_by_height(extents: Floats, height: float, usual: Up, notes: l
 
 
 def _choose_stable_up_axis(vertices: Floats, notes: list[str]) -> Up:
-    """z, unless the object falls over with z up and stands with y up."""
+    """z, unless the object falls over with z up and is stable with y up."""
     hull = compute_convex_hull(vertices, MAX_VERTICES)
 
     def stands_with_axis_up(up: Up) -> bool:
-        return run_drop_test([ConvexHull(hull.vertices @ UP_TO_Z[up].T, hull.faces)], 0.3, 0.6).is_stable
+        return run_drop_test(
+            [ConvexHull(hull.vertices @ UP_TO_Z[up].T, hull.faces)], _TRIAL_MASS, DEFAULT_FRICTION.value
+        ).is_stable
 
     if stands_with_axis_up("z") or not stands_with_axis_up("y"):
         return "z"
@@ -204,26 +230,57 @@ def _choose_stable_up_axis(vertices: Floats, notes: list[str]) -> Up:
     return "y"
 
 
-def _center_mesh_and_solids(solid: TexturedMesh, colliders: Sequence[Collider]) -> tuple[TexturedMesh, list[Collider]]:
-    """Mesh and colliders about the centre of the mesh's bounds."""
-    middle = (solid.vertices.min(axis=0) + solid.vertices.max(axis=0)) / 2
-    return replace(solid, vertices=solid.vertices - middle), [
-        _subtract_center_from_collider(collider, middle) for collider in colliders
-    ]
+def write_asset_files(root: Path, asset: Asset, solid: AtlasMesh, colliders: Sequence[Collider]) -> Asset:
+    """Write the URDF, OBJ, PNG, convex parts and views of an asset below the library ``root``.
+
+    Returns: the asset's entry with the hashes of its files; it is not in the manifest yet.
+    """
+    collection, _, urdf = asset.name.rpartition("/")
+    slug = urdf.removesuffix(".urdf")
+    base, texture = f"{collection}/meshes/{slug}", f"{collection}/textures/{slug}.png"
+    uvs, uv_indices = np.unique(np.round(solid.uvs.reshape(-1, 2), 5), axis=0, return_inverse=True)
+    mesh = format_obj_text(solid.vertices, solid.faces, uvs, uv_indices.reshape(-1, 3))
+    files = {f"{base}.obj": mesh.encode(), texture: encode_png(solid.image)}
+    hulls = [collider for collider in colliders if isinstance(collider, ConvexHull)]
+    for number, hull in enumerate(hulls):
+        files[f"{base}.part{number}.obj"] = format_obj_text(hull.vertices, hull.faces).encode()
+    visual = Shape(kind="mesh", size=(1.0, 1.0, 1.0), mesh=f"{base}.obj", texture=texture, color=(1.0, 1.0, 1.0, 1.0))
+    shapes = [collider for collider in colliders if isinstance(collider, Shape)]
+    shapes += [Shape(kind="mesh", size=(1.0, 1.0, 1.0), mesh=f"{base}.obj")] if hulls else []
+    inertia = box_inertia(asset.size, asset.mass)
+    text = format_urdf_text(
+        slug, [visual], shapes, mass=asset.mass, friction=asset.friction, inertia=inertia, folder=collection
+    )
+    files[asset.name] = text.encode()
+    for number in range(len(hulls), MAX_PARTS):
+        (root / f"{collection}/meshes/{asset.kind}.part{number}.obj").unlink(missing_ok=True)  # of an earlier import
+    for name, data in files.items():
+        write_bytes(root / name, data)
+    for number, view in enumerate(render_random_views(Library(root), asset.name)):
+        write_bytes(asset_view_path(root, asset.name, number), encode_png(view.rgba))
+    digests = {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
+    return asset.model_copy(update={"origin": asset.origin and asset.origin.model_copy(update={"files": digests})})
 
 
-def _subtract_center_from_collider(collider: Collider, middle: Floats) -> Collider:
-    if isinstance(collider, ConvexHull):
-        return ConvexHull(collider.vertices - middle, collider.faces)
-    x, y, z = (float(value) for value in np.asarray(collider.position) - middle)
-    return collider.model_copy(update={"position": (x, y, z)})
+def asset_view_path(root: Path, name: str, number: int) -> Path:
+    """Path of the picture of an asset's random view ``number``."""
+    urdf = root / name
+    return urdf.parent / "views" / f"{urdf.stem}-{number}.png"
 
 
-def _estimate_physics(reading: SourceModel, category: str, volume: float) -> Physics:
-    """Mass and friction as the source says, else by volume (m^3) and category."""
-    mass = reading.mass
-    if mass is None:
-        kilograms = float(np.clip(volume * _DENSITIES.get(category, _DENSITY), *_MASSES))
-        provenance, deviation = ("estimate", 0.4) if category in _DENSITIES else ("default", 0.6)
-        mass = Quantity(value=float(f"{kilograms:.4g}"), provenance=provenance, deviation=deviation)
-    return Physics(mass=mass, friction=reading.friction or Quantity(value=0.6, provenance="default", deviation=0.3))
+def inside(request: dict[str, Any]) -> dict[str, Any]:
+    """Entry of the worker: unpack the ``archive`` into ``target``, or do the ``job`` and send its files as blobs."""
+    return answer_or_refuse(lambda: _unpack_or_prepare(request))
+
+
+def _unpack_or_prepare(request: dict[str, Any]) -> dict[str, Any]:
+    if "archive" in request:
+        limits = ImportLimits.model_validate(request["limits"])
+        unpack_archive(Path(request["archive"]), Path(request["target"]), limits)
+        return {}
+    root = Path.cwd()  # the scratch folder
+    asset = write_asset_files(root, *prepare_asset(ImportJob.model_validate(request["job"])))
+    for file in sorted(root.rglob("*")):
+        if file.is_file():
+            send_blob(file.relative_to(root).as_posix(), file.read_bytes())
+    return {"asset": asset.model_dump(mode="json")}

@@ -7,22 +7,29 @@ import numpy as np
 import trimesh
 
 from grs_agents.library.importing.mesh_simplification import simplify_mesh
-from grs_agents.library.importing.types import ConvexHull, Floats, Ints, RefusedError, TexturedMesh
+from grs_agents.library.importing.types import AtlasMesh, ConvexHull, Floats, Ints, RefusedError
 from grs_agents.library.mesh_files import mesh_volume
 
 CONVEX: Final = 0.85
-"""A mesh that fills so much of its hull is taken for convex: a carton with its gable, a can with its sunken lid."""
+"""Least share of the hull's volume for a mesh to count as convex: a carton with its gable, a can with its sunken
+lid."""
 _THRESHOLD: Final = 0.06
 _MAX_FACES: Final = 1000
 MAX_VERTICES: Final = 64
 """Of a convex part."""
 
 
-def repair_mesh(solid: TexturedMesh) -> tuple[TexturedMesh, bool, list[str]]:
-    """The mesh without degenerate and duplicate faces, all turned outwards; whether it is watertight; what was done.
-    Holes of three or four edges are closed; a larger one may be an opening that the object has. Winding and holes need
-    ``networkx``, which the extra ``assets`` installs; without it the mesh stays as it is, and a note says so."""
-    kept = _valid_face_indices(solid.faces)
+def repair_mesh(solid: AtlasMesh) -> tuple[AtlasMesh, bool, list[str]]:
+    """Remove degenerate and duplicate faces and turn all faces outwards. Returns: the mesh, True if it is watertight,
+    notes. Holes of three or four edges are closed; a larger hole may be an opening of the object. Winding and holes
+    need ``networkx``, which the extra ``assets`` installs; without it the mesh stays as it is, and a note says so."""
+    proper = np.flatnonzero(
+        (solid.faces[:, 0] != solid.faces[:, 1])
+        & (solid.faces[:, 1] != solid.faces[:, 2])
+        & (solid.faces[:, 0] != solid.faces[:, 2])
+    )
+    _, first = np.unique(np.sort(solid.faces[proper], axis=1), axis=0, return_index=True)
+    kept = proper[np.sort(first)]
     notes = [f"{dropped} degenerate or duplicate faces dropped"] if (dropped := len(solid.faces) - len(kept)) else []
     faces, uvs = solid.faces[kept], solid.uvs[kept]
     mesh: Any = trimesh.Trimesh(solid.vertices, faces, process=False)
@@ -41,7 +48,7 @@ def repair_mesh(solid: TexturedMesh) -> tuple[TexturedMesh, bool, list[str]]:
         notes.append(f"holes closed with {len(repaired) - len(faces)} faces")
         by_vertex = np.zeros((len(solid.vertices), 2))
         by_vertex[repaired[: len(faces)].ravel()] = uvs.reshape(-1, 2)
-        new_uvs = by_vertex[repaired[len(faces) :, 0]]  # those that a neighbour has at the first corner
+        new_uvs = by_vertex[repaired[len(faces) :, 0]]  # of a neighbour at the first corner
         uvs = np.concatenate([uvs, np.repeat(new_uvs[:, None], 3, axis=1)])
     if mesh_volume(solid.vertices, repaired) < 0:
         repaired, uvs = repaired[:, ::-1], uvs[:, ::-1]
@@ -49,14 +56,7 @@ def repair_mesh(solid: TexturedMesh) -> tuple[TexturedMesh, bool, list[str]]:
     watertight = bool(mesh.is_watertight and mesh.is_winding_consistent)
     if not watertight:
         notes.append("not watertight: its volume is that of its convex parts")
-    return TexturedMesh(solid.vertices, repaired, uvs, solid.image), watertight, notes
-
-
-def _valid_face_indices(faces: Ints) -> Ints:
-    """Indices of the faces with three different corners, the first of each that occurs more than once."""
-    kept = np.flatnonzero((faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 0] != faces[:, 2]))
-    _, first = np.unique(np.sort(faces[kept], axis=1), axis=0, return_index=True)
-    return kept[np.sort(first)]
+    return AtlasMesh(solid.vertices, repaired, uvs, solid.image), watertight, notes
 
 
 def compute_convex_hull(vertices: Floats, max_vertices: int = -1) -> ConvexHull:
@@ -88,7 +88,7 @@ def compute_convex_hull(vertices: Floats, max_vertices: int = -1) -> ConvexHull:
 def decompose_into_convex_parts(
     vertices: Floats, faces: Ints, watertight: bool, most: int
 ) -> tuple[list[ConvexHull], list[str]]:
-    """The convex parts of a solid, and notes; one hull where it is nearly convex or ``coacd`` is not installed."""
+    """The convex parts of a solid, and notes; a single hull if it is nearly convex or ``coacd`` is not installed."""
     whole = compute_convex_hull(vertices, MAX_VERTICES)
     if watertight and mesh_volume(vertices, faces) >= CONVEX * mesh_volume(whole.vertices, whole.faces):
         return [whole], []

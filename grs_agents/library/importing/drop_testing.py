@@ -1,10 +1,10 @@
-"""Whether an asset rests on a table: compiled, dropped and simulated in MuJoCo for two seconds.
-``grs assets verify`` checks a library so, and whether its files and numbers are whole."""
+"""Drop test of an asset: compiled in MuJoCo, dropped on a table and simulated for two seconds. ``grs assets verify``
+runs it for a library, and checks its files and numbers."""
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from grs_agents.library.importing.types import Collider, ConvexHull, Floats, Ref
 from grs_agents.library.library import Library
 from grs_agents.library.mesh_files import mesh_volume, read_vertices
 from grs_agents.library.mujoco_shapes import add_shape_geom
-from grs_agents.library.shapes import ObjectModel, Shape, matrix_from_quaternion, shape_bounds, shape_volume
+from grs_agents.library.shapes import ObjectModel, matrix_from_quaternion, shape_bounds, shape_volume
 
 SECONDS: Final = 2.0
 _MAX_DRIFT, _MAX_TILT, _MAX_SPEED = 0.01, 5.0, 0.02
@@ -26,7 +26,7 @@ _STEP: Final = 0.002
 
 @dataclass(frozen=True)
 class DropResult:
-    """How an object stood after two seconds on a table."""
+    """Motion of an object in the two seconds after its release on a table."""
 
     drift: float  # horizontal way of its centre, m
     tilt: float  # degrees
@@ -34,7 +34,7 @@ class DropResult:
 
     @property
     def is_stable(self) -> bool:
-        """Whether it still stands where and how it was put down."""
+        """True if position and orientation stay within the tolerances."""
         return self.drift <= _MAX_DRIFT and self.tilt <= _MAX_TILT and self.speed <= _MAX_SPEED
 
     def __str__(self) -> str:
@@ -42,7 +42,7 @@ class DropResult:
 
 
 def run_drop_test(colliders: Sequence[Collider], mass: float, friction: float) -> DropResult:
-    """Put an object down as its frame says and simulate it; refused where MuJoCo cannot."""
+    """Put an object down in the orientation of its frame and simulate it; refused if MuJoCo fails."""
     from grs_agents.base.mujoco_import import mujoco
 
     if not colliders:
@@ -56,7 +56,13 @@ def run_drop_test(colliders: Sequence[Collider], mass: float, friction: float) -
     body.add_freejoint()
     volumes = [max(collider_volume(collider), 1e-12) for collider in colliders]
     for number, (collider, share) in enumerate(zip(colliders, volumes, strict=True)):
-        geom = _add_collider_geom(spec, body, collider, f"part{number}")
+        if isinstance(collider, ConvexHull):
+            mesh = spec.add_mesh(name=f"part{number}", uservert=collider.vertices.ravel().tolist())
+            mesh.userface, mesh.inertia = collider.faces.ravel().tolist(), mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
+            geom = body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH)
+            geom.meshname = f"part{number}"
+        else:
+            geom = add_shape_geom(spec, body, collider, f"part{number}")
         geom.mass, geom.condim = max(mass * share / sum(volumes), 1e-6), 4
         geom.friction = (friction, 0.01, 0.001)
     try:
@@ -75,18 +81,6 @@ def run_drop_test(colliders: Sequence[Collider], mass: float, friction: float) -
     return DropResult(drift, float(np.rad2deg(np.arccos(upright))), speed)
 
 
-def _add_collider_geom(spec: Any, body: Any, collider: Collider, name: str) -> Any:
-    from grs_agents.base.mujoco_import import mujoco
-
-    if isinstance(collider, ConvexHull):
-        mesh = spec.add_mesh(name=name, uservert=collider.vertices.ravel().tolist())
-        mesh.userface, mesh.inertia = collider.faces.ravel().tolist(), mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
-        geom = body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH)
-        geom.meshname = name
-        return geom
-    return add_shape_geom(spec, body, collider, name)
-
-
 def collider_bounds(collider: Collider) -> tuple[Floats, Floats]:
     """Lowest and highest corner, m."""
     if isinstance(collider, ConvexHull):
@@ -102,21 +96,27 @@ def collider_volume(collider: Collider) -> float:
 
 
 _SIZE_TOLERANCE = 0.005
-"""Most that the size in the manifest may differ from what the file says, m."""
+"""Tolerance between the sizes in manifest and file, m."""
 
 
 class AssetVerdict(Frozen):
-    """What was found of one asset."""
+    """Result of the checks of an asset."""
 
     name: str
     ok: bool  # it can be used
-    rests: bool | None  # it stands where it was put; None for marks, which do not collide, and templates
-    findings: tuple[str, ...] = ()  # what is wrong or odd
+    rests: bool | None  # passes the drop test; None for marks, which do not collide, and templates
+    findings: tuple[str, ...] = ()  # faults and oddities
 
 
 def verify_asset(library: Library, asset: Asset) -> AssetVerdict:
-    """Check one asset."""
-    findings = list(_describe_changed_files(library, asset))
+    """Check the files, the size and the rest of an asset."""
+    findings: list[str] = []
+    for name, digest in (asset.origin.files if asset.origin is not None else {}).items():
+        path = next((root / name for root in reversed(library.roots) if (root / name).is_file()), None)
+        if path is None:
+            findings.append(f"{name} is missing")
+        elif hashlib.sha256(path.read_bytes()).hexdigest() != digest:
+            findings.append(f"{name} has been changed")
     broken = bool(findings)
     rests: bool | None = None
     try:
@@ -138,20 +138,13 @@ def verify_asset(library: Library, asset: Asset) -> AssetVerdict:
 
 
 def build_asset_colliders(library: Library, model: ObjectModel) -> list[Collider]:
-    """What of a library's asset collides, meshes as their hulls."""
-    return [shape if shape.mesh is None else _compute_mesh_hull(library, shape) for shape in model.colliders]
-
-
-def _compute_mesh_hull(library: Library, shape: Shape) -> ConvexHull:
-    vertices = read_vertices(library.mesh_or_texture_path(shape.mesh or "")) * shape.size
-    return compute_convex_hull(vertices @ matrix_from_quaternion(shape.quaternion).T + shape.position)
-
-
-def _describe_changed_files(library: Library, asset: Asset) -> Iterator[str]:
-    """What is wrong with the files of an imported asset: missing, or not as they were written."""
-    for name, digest in (asset.origin.files if asset.origin is not None else {}).items():
-        path = next((root / name for root in reversed(library.roots) if (root / name).is_file()), None)
-        if path is None:
-            yield f"{name} is missing"
-        elif hashlib.sha256(path.read_bytes()).hexdigest() != digest:
-            yield f"{name} has been changed"
+    """Colliders of an asset of a library, meshes as their hulls."""
+    colliders: list[Collider] = []
+    for shape in model.colliders:
+        if shape.mesh is None:
+            colliders.append(shape)
+        else:
+            vertices = read_vertices(library.mesh_or_texture_path(shape.mesh)) * shape.size
+            placed = vertices @ matrix_from_quaternion(shape.quaternion).T + shape.position
+            colliders.append(compute_convex_hull(placed))
+    return colliders

@@ -17,7 +17,6 @@ from grs_agents.library.importing.gltf_document import (
     Material,
     Primitive,
     SceneNode,
-    TextureInfo,
     TextureTransform,
     scale_integers,
 )
@@ -28,17 +27,18 @@ from grs_agents.library.importing.types import Floats, Image, ImportLimits, Ints
 _EDGE: Final = 2048
 """Longest side of a picture, px; an asset's texture has fewer."""
 _PAINTED: Final = 1024
-"""Side of a picture that is painted anew, px."""
+"""Side of a repainted picture, px."""
 _PICTURES: Final = 8
-"""Most pixels of all pictures together, as a multiple of the limit of a single one."""
+"""Most pixels of all pictures together, as a multiple of the limit of a single picture."""
 _TILE: Final = 1e-3
 """Share of a picture by which texture coordinates may pass its edge: quantised coordinates are not exact."""
 _MOST_PICTURES: Final = 256
-"""Pictures and colours of them, beyond which each has too small a place in an asset's texture: faces get one colour."""
+"""Most combinations of picture and colour; beyond it each is too small in an asset's texture, and faces get a flat
+colour."""
 _MOST_PAINTED: Final = 50_000
-"""Faces of a picture that is painted anew; of more, each would have but a few texels and gets one colour."""
+"""Most faces of a repainted picture; beyond it each would have too few texels and gets a flat colour."""
 _SMALL: Final = 0.05
-"""Share of a picture that a face may show across its edge and still be clipped: painting it anew takes more room."""
+"""Share of a picture that a face may show across its edge and still be clipped: repainting it takes more room."""
 _FARTHEST: Final = 1e6
 """Texture coordinates beyond it are taken for broken."""
 _CHUNK: Final = 500_000
@@ -49,10 +49,10 @@ _DECODER_ERRORS: Final = (
     *(OSError, EOFError, ValueError, TypeError, SyntaxError, LookupError, ArithmeticError, RuntimeError),
     *(struct.error, zlib.error),
 )
-"""Errors of Pillow's decoders on broken pictures; that of AVIF raises RuntimeError."""
+"""Errors of Pillow's decoders on broken pictures; the AVIF decoder raises RuntimeError."""
 _KTX2: Final = b"\xabKTX"
 _SHARES: Final = ("COLOR", "WEIGHTS")
-"""Attributes whose integers are shares, also where an exporter forgot to say so."""
+"""Attributes whose integers are shares, even if an exporter forgot to say so."""
 _GIVEN: Final = -1
 """Number of the picture that is not of the file."""
 
@@ -62,19 +62,19 @@ _WRAPS: Final[dict[int, _Wrap]] = {33071: "clamp", 33648: "mirror"}
 
 
 def read_gltf(folder: SourceFolder, name: str, limits: ImportLimits, picture: Image | None = None) -> SourceModel:
-    """The parts of a glTF or GLB file: one for each picture as it is shown, one for all that has plain colours.
+    """Read the parts of a glTF or GLB file: a part for each picture as it is shown, and a part for all plain colours.
 
     Args:
         folder: the source that the file and all that it names lie in.
         name: of the file, relative to the source.
-        limits: what it may cost.
+        limits: on its cost.
         picture: (H, W, 3) shown on all of it in place of its own materials.
 
     Returns:
-        The model in metres with y up; notes name what is left out.
+        The model in metres with y up; notes name the omissions.
 
     Raises:
-        RefusedError: the file is broken, has no triangles, costs too much, or needs what is not applied.
+        RefusedError: the file is broken, has no triangles, costs too much, or needs an unsupported feature.
     """
     document = GltfDocument(folder, name, limits)
     looks = _Looks(document, picture)
@@ -94,7 +94,7 @@ def read_gltf(folder: SourceFolder, name: str, limits: ImportLimits, picture: Im
 
 
 Attribute = Callable[[str, int], Floats | None]
-"""Gives (F, 3, width) values of an attribute at the corners of the faces, None where there are none."""
+"""Gives (F, 3, width) values of an attribute at the corners of the faces, None if it is absent."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ def _find_instances(document: GltfDocument) -> Iterator[tuple[_Instances, list[P
 
 
 def _find_visible_nodes(document: GltfDocument) -> Iterator[int]:
-    """The nodes of the default scene, else of the first one, else all, in the order of the tree."""
+    """The nodes of the default scene, else of the first scene, else all, in the order of the tree."""
     gltf = document.gltf
     if gltf.scenes:
         roots = document.find(gltf.scenes, gltf.scene or 0, "scene").nodes
@@ -238,7 +238,7 @@ def _compose_matrices(translations: Floats, rotations: Floats, scales: Floats) -
 
 
 def _compute_joint_matrices(document: GltfDocument, index: int, globals_: Floats) -> Floats:
-    """(J, 4, 4) what takes a skinned mesh from its bind pose to the scene."""
+    """(J, 4, 4) transforms of the joints from the bind pose to the scene."""
     skin = document.find(document.gltf.skins, index, "skin")
     if skin.joints:
         document.find(document.gltf.nodes, max(skin.joints), "node")
@@ -340,7 +340,7 @@ def _read_faces_and_rows(
 def _apply_skin(
     document: GltfDocument, points: Floats, joints: Floats, attribute: Callable[[str], Floats | None]
 ) -> Floats:
-    """The vertices (N, 3) of a skinned mesh in the scene."""
+    """Linear blend skinning. Returns: vertices (N, 3) in the scene; those without weights stay."""
     blended, total = np.zeros((len(points), 3, 4)), np.zeros(len(points))
     for number in range(8):
         names, weights = attribute(f"JOINTS_{number}"), attribute(f"WEIGHTS_{number}")
@@ -358,7 +358,7 @@ def _apply_skin(
 
 @dataclass(frozen=True)
 class _Look:
-    """How a primitive is painted: with a picture times a colour, or with the colour alone."""
+    """Look of a primitive: a picture times a colour, or the colour alone."""
 
     color: Rgb = (1.0, 1.0, 1.0)  # linear
     image: int | None = None
@@ -380,7 +380,7 @@ class _Piece:
 
 @dataclass
 class _Group:
-    """What shares a picture and its colour."""
+    """Pieces that share a picture and its colour."""
 
     look: _Look
     pieces: list[_Piece] = field(default_factory=list[_Piece])
@@ -398,7 +398,7 @@ class _Looks:
         self._pixels = _PICTURES * document.limits.pixels
 
     def find_look(self, primitive: Primitive) -> _Look | None:
-        """The look of a primitive; None where it cannot be seen."""
+        """The look of a primitive; None if it is invisible."""
         index = primitive.material
         if self._picture is not None and "TEXCOORD_0" in primitive.attributes:
             return _Look(image=_GIVEN)
@@ -414,7 +414,10 @@ class _Looks:
         if look.image is not None:
             uvs = attribute(look.coordinates, 2)
             if uvs is not None and look.transform is not None:
-                uvs = _transform_coordinates(uvs, look.transform)
+                cosine, sine = math.cos(look.transform.rotation), math.sin(look.transform.rotation)
+                # The extension's matrix has the opposite sign; its words, its test model and all viewers agree on this.
+                turn = np.array([[cosine, sine], [-sine, cosine]])
+                uvs = uvs * look.transform.scale @ turn.T + look.transform.offset
             if uvs is None or not (np.abs(uvs) < _FARTHEST).all():
                 state = "missing" if uvs is None else "not finite"
                 self._document.notes.append(f"{look.coordinates} is {state}: its picture is not shown")
@@ -434,7 +437,8 @@ class _Looks:
         group.pieces.append(_Piece(vertices, faces, uvs, tints))
 
     def build_parts(self) -> list[MeshPart]:
-        """A part for each picture and colour, one more where it has to be painted anew, and one of plain colours."""
+        """Build a part for each picture and colour, a second part if it has to be repainted, and a part of plain
+        colours."""
         parts: list[MeshPart] = []
         edge = _EDGE
         if self._groups:  # in the asset's texture each has the smaller a place the more there are
@@ -442,7 +446,15 @@ class _Looks:
         for group in self._groups.values():
             look = group.look
             image = self._picture if look.image == _GIVEN else self._load_picture(look, edge)
-            vertices, faces, uvs, tints = _join_pieces(group.pieces)
+            pieces = group.pieces
+            starts = np.cumsum([0, *(len(piece.vertices) for piece in pieces)])
+            vertices = np.concatenate([piece.vertices for piece in pieces])
+            faces = np.concatenate([piece.faces + start for piece, start in zip(pieces, starts, strict=False)])
+            uvs = np.concatenate([piece.uvs for piece in pieces])
+            tints = None
+            if any(piece.tints is not None for piece in pieces):
+                white = [np.ones((len(piece.faces), 3, 3)) if piece.tints is None else piece.tints for piece in pieces]
+                tints = np.concatenate(white)
             if image is None:
                 color = np.tile(look.color, (len(faces), 1)) if tints is None else tints.mean(axis=1) * look.color
                 self._plain.append((vertices, faces, color))
@@ -470,7 +482,7 @@ class _Looks:
         return parts
 
     def _read_look(self, material: Material) -> _Look | None:
-        """The base colour of a material: that of metallic-roughness, specular-glossiness and unlit materials alike."""
+        """The base colour of metallic-roughness, specular-glossiness and unlit materials."""
         gloss = material.extensions.specular_glossiness
         pbr = material.pbr_metallic_roughness
         factor, info = pbr.base_color_factor, pbr.base_color_texture
@@ -483,7 +495,7 @@ class _Looks:
             return None
         color = _clip_color(factor[:3])
         if any(glow := _clip_color(material.emissive_factor)):
-            if not any(color):  # what is painted as light, without shading
+            if not any(color):  # emissive texture, without shading
                 color, info = glow, material.emissive_texture
             elif info is None and material.emissive_texture is None:
                 color = _clip_color([base + more for base, more in zip(color, glow, strict=True)])
@@ -491,9 +503,6 @@ class _Looks:
                 self._document.notes.append("the light that its materials emit is not shown")
         if info is None:
             return _Look(color)
-        return self._read_textured_look(color, info, material.alpha_mode not in ("MASK", "BLEND"))
-
-    def _read_textured_look(self, color: Rgb, info: TextureInfo, opaque: bool) -> _Look:
         gltf, transform = self._document.gltf, info.extensions.transform
         texture = self._document.find(gltf.textures, info.index, "texture")
         image = texture.image()
@@ -507,10 +516,10 @@ class _Looks:
         number = info.tex_coord
         if transform is not None and transform.tex_coord is not None:
             number = transform.tex_coord
-        return _Look(color, image, opaque, wraps, f"TEXCOORD_{number}", transform)
+        return _Look(color, image, material.alpha_mode not in ("MASK", "BLEND"), wraps, f"TEXCOORD_{number}", transform)
 
     def _load_picture(self, look: _Look, edge: int) -> Image | None:
-        """The picture of a look times its colour, at most ``edge`` px; None where its file does not exist."""
+        """The picture of a look times its colour, at most ``edge`` px; None if its file does not exist."""
         index = look.image
         if index is None:
             return None
@@ -566,27 +575,8 @@ def _clip_color(values: Sequence[float]) -> Rgb:
     return red, green, blue
 
 
-def _transform_coordinates(uvs: Floats, transform: TextureTransform) -> Floats:
-    """Coordinates (F, 3, 2) after KHR_texture_transform: scaled, turned, moved."""
-    cosine, sine = math.cos(transform.rotation), math.sin(transform.rotation)
-    # The extension's text has the other sign in its matrix; its words, its test model and all viewers agree on this.
-    turn = np.array([[cosine, sine], [-sine, cosine]])
-    return uvs * transform.scale @ turn.T + transform.offset
-
-
-def _join_pieces(pieces: list[_Piece]) -> tuple[Floats, Ints, Floats, Floats | None]:
-    starts = np.cumsum([0, *(len(piece.vertices) for piece in pieces)])
-    faces = np.concatenate([piece.faces + start for piece, start in zip(pieces, starts, strict=False)])
-    tints = None
-    if any(piece.tints is not None for piece in pieces):
-        white = [np.ones((len(piece.faces), 3, 3)) if piece.tints is None else piece.tints for piece in pieces]
-        tints = np.concatenate(white)
-    vertices = np.concatenate([piece.vertices for piece in pieces])
-    return vertices, faces, np.concatenate([piece.uvs for piece in pieces]), tints
-
-
 def _move_into_picture(uvs: Floats, wraps: tuple[_Wrap, _Wrap]) -> tuple[Floats, npt.NDArray[np.bool_]]:
-    """Coordinates (F, 3, 2) of each face moved into the picture where the whole face shows a single copy of it.
+    """Wrap coordinates (F, 3, 2) into the picture, for faces that show a single copy of it.
 
     Returns:
         The coordinates, and (F,) which faces are in the picture; the others keep their coordinates.

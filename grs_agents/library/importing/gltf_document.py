@@ -27,7 +27,7 @@ _T = TypeVar("_T")
 
 
 class _Node(BaseModel):
-    """An object of the JSON: names in camelCase, unknown ones ignored, as glTF wants it."""
+    """An object of the JSON: names in camelCase, unknown names ignored, as glTF demands."""
 
     model_config = ConfigDict(alias_generator=to_camel, extra="ignore", allow_inf_nan=False, frozen=True)
 
@@ -102,7 +102,7 @@ class Texture(_Node):
     extensions: _TextureExtensions = _TextureExtensions()
 
     def image(self) -> int | None:
-        """The number of its picture, in a format of glTF itself where there is one."""
+        """The number of its picture, preferably in a format of glTF itself."""
         extensions = self.extensions
         choices = (self, extensions.webp, extensions.avif, extensions.dds, extensions.basisu)
         return next((choice.source for choice in choices if choice.source is not None), None)
@@ -123,7 +123,7 @@ class _PrimitiveExtensions(_Node):
 
 
 class Primitive(_Node):
-    """Triangles, lines or points of one material."""
+    """Triangles, lines or points of a single material."""
 
     attributes: dict[str, Index]
     indices: Index | None = None
@@ -212,7 +212,7 @@ class _MeshoptExtensions(_Node):
     khr: _Meshopt | None = Field(default=None, alias="KHR_meshopt_compression")
 
     def name(self) -> str:
-        """The extension that compresses it; empty where none does."""
+        """The extension that compresses it; empty if uncompressed."""
         return "EXT_meshopt_compression" if self.ext else "KHR_meshopt_compression" if self.khr else ""
 
 
@@ -260,7 +260,7 @@ _APPLIED: Final = """
     KHR_materials_pbrSpecularGlossiness KHR_materials_unlit KHR_mesh_quantization KHR_meshopt_compression
     KHR_node_visibility KHR_texture_basisu KHR_texture_transform MSFT_texture_dds
 """
-"""Extensions that are applied, or refused with a remedy of their own where the file needs them."""
+"""Extensions that are applied, or refused with a remedy of their own if the file needs them."""
 _WITHOUT_EFFECT: Final = """
     ADOBE_materials_clearcoat_specular ADOBE_materials_thin_transparency AGI_articulations AGI_stk_metadata
     CESIUM_RTC CESIUM_primitive_outline EXT_instance_features EXT_lights_ies EXT_lights_image_based
@@ -291,7 +291,7 @@ _UNPACK: Final = "convert it, for example with: gltfpack -i IN.glb -o OUT.glb"
 
 
 class GltfDocument:
-    """A glTF or GLB file of a source; what it names stays in the folder and within the limits.
+    """A glTF or GLB file of a source; its references stay in the folder and within the limits.
 
     Raises:
         RefusedError: the file is broken, cut off, of another version, or needs an extension that is not applied.
@@ -305,7 +305,17 @@ class GltfDocument:
         self._buffers: dict[int, _Bytes] = {}
         text, self._chunk = self._split_chunks(folder.resolve_file(name).read_bytes())
         self.gltf = self._parse_json(text)
-        self._check_version_and_extensions()
+        needed = self.gltf.asset.min_version or self.gltf.asset.version
+        if not (needed == "2.0" or (needed.startswith("2.") and not self.gltf.asset.min_version)):
+            raise self._version_error(needed[:20])
+        unknown = [name for name in dict.fromkeys(self.gltf.extensions_required) if name not in _KNOWN]
+        if unknown:
+            names = ", ".join(name[:60] for name in unknown[:5])
+            raise self.refuse(f"it requires the extension {names}, which is not read", "export it without that")
+        optional = [name for name in dict.fromkeys(self.gltf.extensions_used) if name not in _KNOWN]
+        if optional:
+            names = ", ".join("".join(filter(str.isprintable, name[:60])) for name in optional[:5])
+            self.notes.append(f"its optional extension {names} is not applied")
 
     def refuse(self, message: str, remedy: str = "export it again") -> RefusedError:
         """The error that names the file; unprintable letters of foreign names are replaced."""
@@ -324,8 +334,8 @@ class GltfDocument:
         Args:
             index: number of the accessor.
             rows: (R,) numbers of the wanted rows, each below its count.
-            width: how many numbers a row must have.
-            normalized: take integers for shares of their largest value even where the accessor does not say so.
+            width: required numbers a row.
+            normalized: take integers for shares of their largest value even if the accessor does not say so.
         """
         accessor = self.accessor(index)
         if _WIDTHS[accessor.type] < width:
@@ -355,24 +365,24 @@ class GltfDocument:
         try:
             mesh: Any = package.decode(self.read_view(draco.buffer_view).tobytes())
             faces = np.asarray(mesh.faces, np.int64).reshape(-1, 3)
-            found = {entry["unique_id"]: np.asarray(entry["data"]) for entry in mesh.attributes}
+            arrays = {entry["unique_id"]: np.asarray(entry["data"]) for entry in mesh.attributes}
         except (ValueError, TypeError, AttributeError, LookupError, RuntimeError, package.FileTypeException) as error:
             reason = str(error)[:120] or type(error).__name__
             raise self.refuse(f"data of KHR_draco_mesh_compression cannot be decoded: {reason}") from error
-        if missing := [name for name, number in draco.attributes.items() if number not in found]:
+        if missing := [name for name, number in draco.attributes.items() if number not in arrays]:
             raise self.refuse(f"data of KHR_draco_mesh_compression lack {missing[0]}")
-        attributes = {name: found[number] for name, number in draco.attributes.items()}
+        attributes = {name: arrays[number] for name, number in draco.attributes.items()}
         attributes = {name: data.reshape(len(data), -1) for name, data in attributes.items()}
         self._count_reads(3 * len(faces) + sum(map(len, attributes.values())))
         return faces, attributes
 
     def has_plain_data(self, index: int) -> bool:
-        """Whether an accessor can be read without decompression by Draco."""
+        """True if an accessor can be read without decompression by Draco."""
         accessor = self.accessor(index)
         return accessor.buffer_view is not None or accessor.sparse is not None
 
     def read_picture(self, index: int) -> bytes | None:
-        """The encoded bytes of a picture; None, with a note, where its file does not exist."""
+        """The encoded bytes of a picture; None, with a note, if its file does not exist."""
         image = self.find(self.gltf.images, index, "image")
         if image.buffer_view is not None:
             return self.read_view(image.buffer_view).tobytes()
@@ -386,17 +396,32 @@ class GltfDocument:
     def read_view(self, index: int) -> _Bytes:
         """The bytes of a buffer view."""
         view = self.find(self.gltf.buffer_views, index, "bufferView")
-        compression = view.extensions.name()
-        if compression and not self._has_data(view.buffer):
-            raise self.refuse(f"its meshes are compressed by {compression}, which is not read", _UNPACK)
-        data = self._read_buffer(view.buffer)
+        buffer = self.find(self.gltf.buffers, view.buffer, "buffer")
+        is_chunk = buffer.uri is None and view.buffer == 0 and self._chunk is not None
+        if compression := view.extensions.name():
+            # A fallback buffer only reserves room for data that are still compressed.
+            is_fallback = any(mark and mark.fallback for mark in (buffer.extensions.ext, buffer.extensions.khr))
+            if buffer.uri is None and (is_fallback or not is_chunk):
+                raise self.refuse(f"its meshes are compressed by {compression}, which is not read", _UNPACK)
+        if view.buffer not in self._buffers:
+            if buffer.uri is not None:
+                whole = np.frombuffer(self._read_uri(buffer.uri), np.uint8)
+            elif self._chunk is not None and is_chunk:
+                whole = self._chunk
+            else:
+                raise self.refuse(f"buffer {view.buffer} has neither a uri nor a binary chunk")
+            if len(whole) < buffer.byte_length:
+                lack = f"has {len(whole)} of {buffer.byte_length} bytes"
+                raise self.refuse(f"buffer {view.buffer} {lack}: it is cut off")
+            self._buffers[view.buffer] = whole[: buffer.byte_length]
+        data = self._buffers[view.buffer]
         end = view.byte_offset + view.byte_length
         if end > len(data):
             raise self.refuse(f"bufferView {index} ends at byte {end} of buffer {view.buffer}, which has {len(data)}")
         return data[view.byte_offset : end]
 
     def _gather(self, accessor: Accessor, index: int, rows: Ints | None) -> npt.NDArray[Any]:
-        """(R, width) rows of an accessor as its file stores them, sparse ones applied."""
+        """(R, width) rows of an accessor as its file stores them, sparse rows applied."""
         dtype, width = np.dtype(_COMPONENTS[accessor.component_type]), _WIDTHS[accessor.type]
         label = f"accessor {index}"
         if rows is None:
@@ -444,27 +469,6 @@ class GltfDocument:
             most = _READS * self.limits.faces
             raise self.refuse(f"its meshes read more than {most} rows of its accessors", "simplify it")
 
-    def _has_data(self, buffer: int) -> bool:
-        """Whether a buffer is more than the room for data that are still compressed."""
-        entry = self.find(self.gltf.buffers, buffer, "buffer")
-        if any(extension and extension.fallback for extension in (entry.extensions.ext, entry.extensions.khr)):
-            return entry.uri is not None
-        return entry.uri is not None or (buffer == 0 and self._chunk is not None)
-
-    def _read_buffer(self, index: int) -> _Bytes:
-        if index not in self._buffers:
-            buffer = self.find(self.gltf.buffers, index, "buffer")
-            if buffer.uri is not None:
-                data = np.frombuffer(self._read_uri(buffer.uri), np.uint8)
-            elif index == 0 and self._chunk is not None:
-                data = self._chunk
-            else:
-                raise self.refuse(f"buffer {index} has neither a uri nor a binary chunk")
-            if len(data) < buffer.byte_length:
-                raise self.refuse(f"buffer {index} has {len(data)} of {buffer.byte_length} bytes: it is cut off")
-            self._buffers[index] = data[: buffer.byte_length]
-        return self._buffers[index]
-
     def _read_uri(self, uri: str) -> bytes:
         """The bytes of a ``data:`` URI or of a file in the folder."""
         if uri.startswith("data:"):
@@ -480,7 +484,7 @@ class GltfDocument:
         return path.read_bytes()
 
     def _is_missing(self, uri: str) -> bool:
-        """Whether nothing is at the place in the folder that a URI names."""
+        """True if the folder has no file at the path of a URI."""
         root, home = str(self._folder.root), str((self._folder.root / self.name).parent)
         paths = [os.path.normpath(f"{home}/{name}") for name in (uri, unquote(uri))]
         try:
@@ -517,7 +521,7 @@ class GltfDocument:
         try:
             return Gltf.model_validate_json(text.rstrip(b"\0 \r\n\t"))
         except ValidationError as error:
-            if _FIRST_VERSION.search(text):  # objects stand where 2.0 has lists
+            if _FIRST_VERSION.search(text):  # 1.0 has objects in place of the lists of 2.0
                 raise self._version_error("1.0") from error
             first = error.errors(include_url=False, include_context=False, include_input=False)[0]
             place = ".".join(str(step) for step in first["loc"])
@@ -526,33 +530,19 @@ class GltfDocument:
     def _version_error(self, version: str) -> RefusedError:
         return self.refuse(f"it is of glTF {version}, 2.0 is read", "convert it, for example with gltf-pipeline")
 
-    def _check_version_and_extensions(self) -> None:
-        """Refuse what cannot be read as it is meant; note optional extensions that are not applied."""
-        needed = self.gltf.asset.min_version or self.gltf.asset.version
-        if not (needed == "2.0" or (needed.startswith("2.") and not self.gltf.asset.min_version)):
-            raise self._version_error(needed[:20])
-        unknown = [name for name in dict.fromkeys(self.gltf.extensions_required) if name not in _KNOWN]
-        if unknown:
-            names = ", ".join(name[:60] for name in unknown[:5])
-            raise self.refuse(f"it requires the extension {names}, which is not read", "export it without that")
-        optional = [name for name in dict.fromkeys(self.gltf.extensions_used) if name not in _KNOWN]
-        if optional:
-            names = ", ".join("".join(filter(str.isprintable, name[:60])) for name in optional[:5])
-            self.notes.append(f"its optional extension {names} is not applied")
-
 
 _MOST_FILES: Final = 1_000
 """Files beside a glTF file that are looked for; each look-up asks the file system."""
 
 
 def find_gltf_files(folder: SourceFolder, name: str) -> list[str]:
-    """The buffers and pictures beside a glTF file, relative to the folder, as far as they can be found."""
+    """The existing buffers and pictures beside a glTF file, relative to the folder."""
     files: list[str] = []
     for uri in islice(dict.fromkeys(_URI.findall(folder.resolve_file(name).read_bytes())), _MOST_FILES):
         try:
             files.append(folder.relative_file_name(_resolve_uri(folder, name, uri.decode("utf-8", "replace"))))
         except RefusedError:
-            continue  # reading it says why
+            continue  # reading reports it
     return files
 
 

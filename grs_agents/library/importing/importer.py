@@ -1,4 +1,4 @@
-"""Importing a source: each item in a process of its own kind, copies left out, what was done remembered."""
+"""Import of a source: each item in its own process, without duplicates, resumable by a journal."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -28,15 +28,15 @@ _LICENSE_FILES = ("LICENSE", "LICENSE.txt", "LICENSE.md", "license.txt", "COPYIN
 
 @dataclass
 class ImportRun:
-    """One import into a library."""
+    """Import of a source into a library."""
 
     root: Path  # of the library
     collection: str  # folder of the library
     options: ImportOptions
     known: tuple[Asset, ...] = ()  # assets whose size and mass are known
-    again: bool = False  # import what was imported or refused before, too
+    again: bool = False  # repeat earlier imports and refusals, too
     jobs: int = 1  # processes
-    shipped: frozenset[str] = frozenset()  # names of the assets in whose place one of this library would come
+    shipped: frozenset[str] = frozenset()  # names of shipped assets that an import would shadow
 
     def run(self, source: ImportSource, report: Callable[[ImportOutcome, bool], None]) -> list[ImportOutcome]:
         """The outcome of every item of a source, in their order.
@@ -97,8 +97,10 @@ class ImportRun:
             content = hash_item_files(source.folder, find_item_files(source.folder, item))
             key = compute_import_key(content, self.options, license_)
             before = journal.outcomes.get(item.file)
-            if before is not None and before.key == key and not self.again and self._has_all_asset_files(before):
-                return before, True
+            if before is not None and before.key == key and not self.again:
+                origin = before.asset.origin if before.asset is not None else None
+                if origin is None or all((self.root / name).is_file() for name in origin.files):
+                    return before, True
             if copy := imported.find_same_content(content, f"{self.collection}/{item.name}.urdf"):
                 why = f"of the same files as {copy}"
                 return ImportOutcome(item=item.name, source=item.file, status="duplicate", reason=why, key=key), False
@@ -121,15 +123,10 @@ class ImportRun:
         done = ImportOutcome(item=item.name, source=item.file, status="imported", notes=notes, key=key, asset=asset)
         return done.model_copy(update={"seconds": round(time.monotonic() - begin, 2)}), False
 
-    def _has_all_asset_files(self, outcome: ImportOutcome) -> bool:
-        """Whether the files that an outcome names are still there."""
-        files = outcome.asset.origin.files if outcome.asset is not None and outcome.asset.origin is not None else {}
-        return all((self.root / name).is_file() for name in files)
-
     def _discard_duplicate_import(
         self, outcome: ImportOutcome, imported: ImportedAssets, removed: set[str]
     ) -> ImportOutcome:
-        """The outcome, or, where a copy has been made, that it is one; the copy's files are removed."""
+        """The outcome, or ``duplicate`` for a copy of another asset; the copy's files are removed."""
         if outcome.asset is None or outcome.asset.origin is None:
             return outcome
         copy, variant = imported.find_same_shape(outcome.asset)
@@ -146,19 +143,18 @@ class ImportRun:
         return outcome.model_copy(update={"status": "duplicate", "reason": reason, "asset": None})
 
     def _resolve_license(self, source: ImportSource, item: SourceItem) -> str:
-        """What the user says, else what the set is known for, else the first line of a licence file beside it."""
+        """The user's licence, else that of a published set, else the first line of a licence file beside the item."""
         if self.options.license != "unknown":
             return self.options.license
-        return item.license or _read_license_first_line(source.folder.root, item.file) or "unknown"
-
-
-def _read_license_first_line(root: Path, file: str) -> str | None:
-    for path in (root / parent / name for parent in Path(file).parents for name in _LICENSE_FILES):
-        if path.is_file() and not path.is_symlink():
-            with path.open(encoding="utf-8", errors="replace") as text:
-                lines = (" ".join(line.split()) for line in text.read(2000).splitlines())
-                return next((line[:200] for line in lines if line), None)
-    return None
+        if item.license:
+            return item.license
+        folders = [source.folder.root / parent for parent in Path(item.file).parents]
+        for path in (folder / name for folder in folders for name in _LICENSE_FILES):
+            if path.is_file() and not path.is_symlink():
+                with path.open(encoding="utf-8", errors="replace") as text:
+                    lines = (" ".join(line.split()) for line in text.read(2000).splitlines())
+                    return next((line[:200] for line in lines if line), "unknown")
+        return "unknown"
 
 
 def _make_refused_outcome(name: str, source: str, error: RefusedError, key: str) -> ImportOutcome:

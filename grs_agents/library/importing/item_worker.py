@@ -1,4 +1,4 @@
-"""The host's side of an import: a worker reads archives and items; what it made is checked and written here."""
+"""The host's side of an import: a worker reads archives and items; its output is checked and written here."""
 
 import hashlib
 import re
@@ -18,24 +18,26 @@ from grs_agents.library.importing.source_folder import SourceFolder
 from grs_agents.library.importing.types import ImportJob, ImportLimits, RefusedError
 from grs_agents.sandbox.host.foreign_reader import ForeignReader
 
-_WORKER: Final = "grs_agents.library.importing.worker"
+_WORKER: Final = "grs_agents.library.importing.asset_preparation"
 _WALL_SECONDS: Final = 3.0
 """For each second of processor time."""
 _BASE_SECONDS, _BASE_BYTES = 20.0, 480 << 20
-"""What any item may cost. A bomb is a small file that costs much; a fine mesh of 2 million faces is a large one."""
+"""Base allowance of any item. A bomb is a small file with a high cost; a fine mesh of 2 million faces is a large
+file."""
 _SECONDS_A_MEGABYTE, _TIMES_ITS_SIZE = 10.0, 30.0
-"""What an item may cost beside that: a byte of OBJ or GLB becomes up to 20 in memory."""
+"""Allowance by the size of an item: a byte of OBJ or GLB becomes up to 20 in memory."""
 _SCRATCH_MIB: Final = 256
+_OUTPUT_MIB: Final = 256
 _VIEW: Final = re.compile(r"-\d\.png")
 
 
 class ItemWorkers:
-    """Workers that prepare items of one source; close it."""
+    """Workers that prepare the items of a source; close it."""
 
     def __init__(self, folder: SourceFolder, limits: ImportLimits, jobs: int) -> None:
         self._limits, self._folder = limits, folder
         self._reader = ForeignReader(
-            [folder.root], [_WORKER], Limits(scratch_mib=_SCRATCH_MIB, output_mib=256), workers=jobs
+            _WORKER, [folder.root], Limits(scratch_mib=_SCRATCH_MIB, output_mib=_OUTPUT_MIB), workers=jobs
         )
 
     def import_item(self, job: ImportJob) -> Asset:
@@ -50,10 +52,10 @@ class ItemWorkers:
             wall_seconds=min(_WALL_SECONDS * seconds + 5, 3600),
             memory_mib=min(max(memory >> 20, 64), 65536),
             scratch_mib=_SCRATCH_MIB,
-            output_mib=256,
+            output_mib=_OUTPUT_MIB,
         )
         try:
-            reading = self._reader.read(_WORKER, {"job": job.model_dump(mode="json")}, job.item.file, limits)
+            reading = self._reader.read({"job": job.model_dump(mode="json")}, job.item.file, limits)
         except InputError as error:
             raise RefusedError(error.message, error.remedy) from error
         try:
@@ -71,14 +73,14 @@ def _write_files(job: ImportJob, asset: Asset, blobs: dict[str, bytes]) -> Asset
     """Write the files of an asset, under names that its own name allows, into the library; the entry with hashes."""
     home, slug = job.collection, job.item.name
     parts = [f"{home}/meshes/{slug}.part{number}.obj" for number in range(MAX_PARTS)]
-    own = {f"{home}/{slug}.urdf", f"{home}/meshes/{slug}.obj", f"{home}/textures/{slug}.png", *parts}
+    allowed = {f"{home}/{slug}.urdf", f"{home}/meshes/{slug}.obj", f"{home}/textures/{slug}.png", *parts}
     views = {name for name in blobs if name.startswith(f"{home}/views/{slug}-") and _VIEW.search(name, len(name) - 6)}
     views = {name for name in views if len(name) == len(f"{home}/views/{slug}-0.png")}
     if (
         asset.name != f"{home}/{slug}.urdf"
         or asset.name not in blobs
         or asset.origin is None
-        or blobs.keys() - own - views
+        or blobs.keys() - allowed - views
     ):
         raise RefusedError(f"{job.item.file}: the worker's answer is no asset", "try again")
     for part in parts:
@@ -86,14 +88,14 @@ def _write_files(job: ImportJob, asset: Asset, blobs: dict[str, bytes]) -> Asset
             (job.root / part).unlink(missing_ok=True)  # of an earlier import
     for name, data in blobs.items():
         write_bytes(job.root / name, data)
-    digests = {name: hashlib.sha256(blobs[name]).hexdigest() for name in asset.origin.files if name in own}
+    digests = {name: hashlib.sha256(blobs[name]).hexdigest() for name in asset.origin.files if name in allowed}
     return asset.model_copy(update={"origin": asset.origin.model_copy(update={"files": digests})})
 
 
 def unpack_in_worker(
     archives: Sequence[tuple[Path, Path]], home: Path, limits: ImportLimits
 ) -> dict[Path, RefusedError]:
-    """Unpack each archive into its folder below ``home``; those that are refused, each with the reason."""
+    """Unpack each archive into its folder below ``home``. Returns: the errors of refused archives."""
     refused: dict[Path, RefusedError] = {}
     most = Limits(
         cpu_seconds=min(limits.seconds, 60),
@@ -102,7 +104,7 @@ def unpack_in_worker(
         scratch_mib=min(max(limits.unpacked >> 20, 1), 4096),
         output_mib=1,
     )
-    with ForeignReader([archive for archive, _ in archives], [_WORKER], most, [home]) as reader:
+    with ForeignReader(_WORKER, [archive for archive, _ in archives], most, [home]) as reader:
         for archive, target in archives:
             request = {
                 "archive": str(archive.resolve()),
@@ -110,7 +112,7 @@ def unpack_in_worker(
                 "limits": limits.model_dump(mode="json"),
             }
             try:
-                reader.read(_WORKER, request, archive.name)
+                reader.read(request, archive.name)
             except InputError as error:
                 refused[archive] = RefusedError(error.message, error.remedy)
     return refused

@@ -1,5 +1,5 @@
-"""What an import has done so far, one line for each item, so that it can go on where it stopped.
-Also finds duplicates: assets of the same files, or of the same shape and the same look."""
+"""Journal of an import, a line for each item, so that it can be resumed. Also finds duplicates: assets of the same
+files, or of the same shape and the same look."""
 
 import hashlib
 import os
@@ -10,16 +10,16 @@ import numpy as np
 from pydantic import ValidationError
 
 from grs_agents.base.files import flush_written_files, make_folder, unwritable_error, write_json
-from grs_agents.library.asset import MANIFEST, Asset, Manifest, Origin, read_manifest
+from grs_agents.library.asset import MANIFEST, Asset, AssetManifest, Origin, read_manifest
 from grs_agents.library.importing.source_folder import SourceFolder
 from grs_agents.library.importing.types import ImportOptions, ImportOutcome, RefusedError
 
 _VERSION = "2"
-"""Of what the importer makes; a new one imports everything again."""
+"""Of the importer's output; a new version imports everything again."""
 
 
 class Journal:
-    """The outcomes of one collection; the last line of an item counts."""
+    """The outcomes of a collection; the last line of an item counts."""
 
     def __init__(self, root: Path, collection: str) -> None:
         self.path = root / "imports" / f"{collection}.jsonl"
@@ -46,7 +46,7 @@ class Journal:
 
 
 def compute_import_key(content: str, options: ImportOptions, license_: str) -> str:
-    """What an asset is made from, as one number: while it stays the same, so does the asset."""
+    """Hash of all inputs of an asset: while it stays the same, so does the asset."""
     settings = options.model_dump_json(exclude={"limits", "license"})
     return hashlib.sha256(f"{_VERSION} {content} {settings} {license_}".encode()).hexdigest()
 
@@ -68,7 +68,7 @@ def update_manifest_entries(root: Path, assets: Iterable[Asset], removed: Iterab
     root.mkdir(parents=True, exist_ok=True)
     entries = {asset.name: asset for asset in read_manifest(root).assets if asset.name not in removed}
     entries |= {asset.name: asset for asset in assets}
-    manifest = Manifest(assets=tuple(entries[name] for name in sorted(entries)))
+    manifest = AssetManifest(assets=tuple(entries[name] for name in sorted(entries)))
     write_json(root / MANIFEST, manifest.model_dump(mode="json"), durable=True)
 
 
@@ -93,16 +93,16 @@ class ImportedAssets:
 
     def find_same_content(self, content: str, name: str) -> str | None:
         """The name of another asset than ``name`` that was made from the same files."""
-        other = self._by_content.get(content)
-        return other if other != name else None
+        original = self._by_content.get(content)
+        return original if original != name else None
 
     def find_same_shape(self, asset: Asset) -> tuple[str | None, str | None]:
-        """The names of another asset of the same shape and look, and of one of the same shape alone."""
+        """Names of an asset of the same shape and look, and of an asset of the same shape alone."""
         origin, variant = asset.origin, None
         if origin is None or not self._origins:
             return None, None
         names, origins = list(self._origins), list(self._origins.values())
-        shapes = np.array([other.shape for other in origins])
+        shapes = np.array([known.shape for known in origins])
         difference = np.abs(shapes - origin.shape) / np.maximum(np.abs(shapes), 1e-12)
         for index in np.flatnonzero(difference.max(axis=1) < _SHAPE_TOLERANCE):
             if names[index] == asset.name:

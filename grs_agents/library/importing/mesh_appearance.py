@@ -1,5 +1,5 @@
-"""What can be said of a mesh by looking at it: its colours, whether things go into it, what it is called.
-For published object sets, masses, sizes and licences are known besides."""
+"""Appearance of a mesh: colours, hollowness, category by name. Published object sets have known masses, sizes and
+licences."""
 
 import re
 import unicodedata
@@ -11,7 +11,7 @@ from grs_agents.base import Vec3
 from grs_agents.base.geometry.raster import rasterise_triangles
 from grs_agents.library.asset import Asset
 from grs_agents.library.colors import main_color_names
-from grs_agents.library.importing.types import Floats, Image, TexturedMesh, sample_texture_colors
+from grs_agents.library.importing.types import AtlasMesh, Floats, Image, sample_texture_colors
 
 HOPE_LICENSE: Final = "CC-BY-NC-SA-4.0"
 OPEN_LICENSE: Final = "CC-BY-4.0"
@@ -40,38 +40,38 @@ def split_name_into_words(name: str) -> list[str]:
 
 
 def category_from_name(name: str) -> str:
-    """The plain noun that a name tells, the last of several; ``object`` where it tells none."""
+    """The last plain noun in a name; ``object`` without such a noun."""
     words = [_SYNONYMS.get(word, word) for word in split_name_into_words(name)]
     return next((word for word in reversed(words) if word in _CATEGORIES), "object")
 
 
 def look_up_ycb_mass_kg(name: str) -> float | None:
-    """kg of a YCB object by its name (``006_mustard_bottle``), None where it is not known."""
+    """kg of a YCB object by its name (``006_mustard_bottle``), None if it is not known."""
     grams = _YCB_GRAMS.get(name[:3])
     return None if grams is None else grams / 1000
 
 
 def find_shipped_hope_asset(slug: str, assets: tuple[Asset, ...]) -> Asset | None:
-    """The asset that GRS ships of the HOPE kind ``slug`` (``alphabet_soup``): its size is that of the real thing."""
+    """The shipped asset of the HOPE kind ``slug`` (``alphabet_soup``); its size is that of the real object."""
     kind = "".join(word.capitalize() for word in split_name_into_words(slug)).replace("BbqSauce", "BBQSauce")
     return next((asset for asset in assets if asset.name == f"HOPE/{kind}.urdf"), None)
 
 
 _LIT = 1.35
-"""Scans are dark: so much brighter may the brightest of their colours be made."""
+"""Scans are dark: most that their brightest colours may be brightened, as a factor."""
 _GRID = 64
 _DEEP = 0.4
 """Share of the height that an opening must be deep."""
 
 
-def surface_color_names(solid: TexturedMesh) -> list[str]:
+def surface_color_names(solid: AtlasMesh) -> list[str]:
     """Names of the colours of the surface, the largest share first, at most three."""
     texels, amounts = _sample_surface_colors(solid)
     lit = min(_LIT, 0.95 * 255 / max(1.0, float(np.percentile(texels.max(axis=1), 95))))
     return main_color_names(np.minimum(texels * max(1.0, lit), 255).astype(np.uint8), 12, amounts)
 
 
-def surface_color_histogram(solid: TexturedMesh) -> tuple[float, ...]:
+def surface_color_histogram(solid: AtlasMesh) -> tuple[float, ...]:
     """(27,) shares of the surface by colour: three levels each of red, green and blue."""
     texels, amounts = _sample_surface_colors(solid)
     red, green, blue = (np.minimum(texels[:, channel].astype(np.int64) * 3 // 256, 2) for channel in range(3))
@@ -79,8 +79,8 @@ def surface_color_histogram(solid: TexturedMesh) -> tuple[float, ...]:
     return tuple(round(float(share), 4) for share in shares / max(float(shares.sum()), 1e-12))
 
 
-def _sample_surface_colors(solid: TexturedMesh) -> tuple[Image, Floats]:
-    """Colours (S, 3) of points on the surface and the area that each stands for."""
+def _sample_surface_colors(solid: AtlasMesh) -> tuple[Image, Floats]:
+    """Colours (S, 3) of points on the surface and the areas (S,) that they represent."""
     corners = solid.vertices[solid.faces]
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     spots = [(a, b, 1 - a - b) for a in (0.1, 0.3, 0.5, 0.7) for b in (0.1, 0.2, 0.4, 0.6, 0.8) if a + b < 1]
@@ -88,8 +88,8 @@ def _sample_surface_colors(solid: TexturedMesh) -> tuple[Image, Floats]:
     return np.concatenate(texels), np.tile(areas, len(spots))
 
 
-def is_hollow(solid: TexturedMesh) -> bool:
-    """Whether a rather large part of it, seen from above, lies deep below a rim all around: a bowl, mug or basket."""
+def is_hollow(solid: AtlasMesh) -> bool:
+    """True if a large part, seen from above, lies deep below a rim all around: a bowl, mug or basket."""
     vertices = solid.vertices
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     unit = (vertices - low) / np.maximum(high - low, 1e-9)
@@ -108,7 +108,7 @@ def is_hollow(solid: TexturedMesh) -> bool:
 
 
 def describe_color_and_size(name: str, names: list[str], size: Vec3) -> str:
-    """What can be told without a model: colours, the name in words and the size."""
+    """A description without a model: colours, the name in words and the size."""
     x, y, z = (f"{100 * extent:.1f}" for extent in size)
     called = " ".join(word for word in split_name_into_words(name) if word not in names[:2]) or name
     paint = " and ".join(names[:2])

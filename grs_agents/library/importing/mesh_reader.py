@@ -25,7 +25,6 @@ from grs_agents.library.importing.types import (
     Floats,
     Image,
     ImportLimits,
-    Ints,
     MeshPart,
     RefusedError,
     SourceModel,
@@ -37,7 +36,7 @@ SUFFIXES: Final = (".obj", ".glb", ".gltf", ".stl", ".ply", ".dae", ".off", ".3m
 _STL_HEADER, _STL_FACE = 84, 50
 _LIBRARY_ERRORS: Final = (ValueError, TypeError, LookupError, AttributeError, OSError, AssertionError, RuntimeError)
 _LOAD_ERRORS: Final = (*_LIBRARY_ERRORS, ImportError, NameError, ArithmeticError, SyntaxError, struct.error)
-"""What reading a broken file may end in."""
+"""Errors of trimesh and its readers on broken files."""
 
 
 def read_mesh(folder: SourceFolder, name: str, limits: ImportLimits, texture: str | None = None) -> SourceModel:
@@ -48,7 +47,10 @@ def read_mesh(folder: SourceFolder, name: str, limits: ImportLimits, texture: st
         raise RefusedError(f"{name} is not one of {', '.join(SUFFIXES)}", "convert it")
     if not path.stat().st_size:
         raise RefusedError(f"{name} is empty", "export it again")
-    _check_face_count(path.name, _declared_face_count(path, suffix), limits)
+    if suffix == ".ply":  # its header counts the faces before they are parsed
+        with path.open("rb") as file:
+            count = re.search(rb"element\s+face\s+(\d+)", file.read(4096).split(b"end_header")[0])
+        _check_face_count(path.name, int(count[1]) if count else 0, limits)
     notes: list[str] = []
     image = None if texture is None else read_picture_or_note(folder.resolve_file(texture), limits.pixels, notes)
     if suffix in (".glb", ".gltf"):
@@ -85,20 +87,11 @@ def _check_face_count(name: str, faces: int, limits: ImportLimits) -> None:
         raise RefusedError(f"{name} has {faces} faces, {limits.faces} are the most", "simplify it")
 
 
-def _declared_face_count(path: Path, suffix: str) -> int:
-    """How many faces a file says that it has, before anything is made of them; 0 where it does not say."""
-    if suffix != ".ply":
-        return 0
-    with path.open("rb") as file:
-        count = re.search(rb"element\s+face\s+(\d+)", file.read(4096).split(b"end_header")[0])
-    return int(count[1]) if count else 0
-
-
 def _read_dae_unit_and_up(path: Path) -> tuple[float, Up]:
     """The metres of a unit and the axis that points up, as a DAE file says; trimesh applies neither."""
     axes: dict[str, Up] = {"X_UP": "x", "Y_UP": "y", "Z_UP": "z"}
     for _, element in ElementTree.iterparse(path):
-        if element.tag.rpartition("}")[2] == "asset":  # the first one is that of the whole file
+        if element.tag.rpartition("}")[2] == "asset":  # the first element is that of the whole file
             up, unit = element.findtext("{*}up_axis", ""), element.find("{*}unit")
             try:
                 scale = float(unit.get("meter", "1")) if unit is not None else 1.0
@@ -174,26 +167,21 @@ def _convert_to_mesh_part(
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise RefusedError(f"{name}: a face names vertex {faces.max()} of {len(vertices)}", "export it again")
     _check_finite(vertices[faces], name)
-    uvs = _face_corner_uvs(mesh, faces)
+    uvs = np.asarray(getattr(mesh.visual, "uv", ()), np.float64)
+    uvs = None if uvs.ndim != 2 or len(uvs) != len(mesh.vertices) or not np.isfinite(uvs).all() else uvs[:, :2][faces]
     if image is None:
         material = getattr(mesh.visual, "material", None)
-        own, simple = (getattr(material, name, None) for name in ("baseColorTexture", "image"))
-        if own is None and simple is not None and simple.format is None:  # a picture of trimesh where there is none
+        base_color, simple = (getattr(material, name, None) for name in ("baseColorTexture", "image"))
+        if base_color is None and simple is not None and simple.format is None:  # a placeholder of trimesh
             return build_mesh_part(vertices, faces, uvs, None, None, name, notes)
-        own = simple if own is None else own
-        image = None if own is None else read_picture_or_note(own, limits.pixels, notes)
+        base_color = simple if base_color is None else base_color
+        image = None if base_color is None else read_picture_or_note(base_color, limits.pixels, notes)
     return build_mesh_part(vertices, faces, uvs, image, _face_colors(mesh, len(faces)), name, notes)
 
 
 def _check_finite(points: Floats, name: str) -> None:
     if not np.isfinite(points).all():
         raise RefusedError(f"{name} has vertices that are not finite numbers (NaN or infinity)", "export it again")
-
-
-def _face_corner_uvs(mesh: Any, faces: Ints) -> Floats | None:
-    """(F, 3, 2) texture coordinates of the corners, or None."""
-    uvs = np.asarray(getattr(mesh.visual, "uv", ()), np.float64)
-    return None if uvs.ndim != 2 or len(uvs) != len(mesh.vertices) or not np.isfinite(uvs).all() else uvs[:, :2][faces]
 
 
 def _face_colors(mesh: Any, count: int) -> Image | None:
@@ -212,10 +200,10 @@ def _face_colors(mesh: Any, count: int) -> Image | None:
 
 
 def _read_stl(path: Path, image: Image | None, limits: ImportLimits, notes: list[str]) -> MeshPart:
-    """An STL file, binary or text; all of its solids are one part, with the colours that binary ones may have.
+    """Read an STL file, binary or text; all of its solids form a single part, with the colours of binary files.
 
-    Neither the word ``solid`` at the beginning nor the size tell the two forms apart: binary files begin with it and
-    hold more bytes than their faces need, too.
+    Neither the word ``solid`` at the beginning nor the size distinguishes the two forms: binary files may begin with it
+    and be longer than their faces need.
     """
     size, name = path.stat().st_size, path.name
     with path.open("rb") as file:
@@ -250,8 +238,8 @@ def _read_stl(path: Path, image: Image | None, limits: ImportLimits, notes: list
 
 
 def _stl_colors(header: bytes, attributes: Any) -> Image | None:
-    """(F, 3) colours of 5 bits a channel: blue first where bit 15 is set (VisCAM and SolidView), or, after a header
-    with ``COLOR=`` (Materialise Magics), red first where it is not set; None where no face has one."""
+    """(F, 3) colours of 5 bits a channel: blue first if bit 15 is set (VisCAM and SolidView), or, after a header with
+    ``COLOR=`` (Materialise Magics), red first if it is not set; None without colours."""
     bits = attributes.astype(np.int64)
     channels = np.stack([bits & 31, bits >> 5 & 31, bits >> 10 & 31], axis=1)
     at = header.find(b"COLOR=")

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from grs_agents.base.geometry.raster import barycentric_coordinates
-from grs_agents.library.importing.types import Floats, Image, Ints, TexturedMesh, sample_texture_colors
+from grs_agents.library.importing.types import AtlasMesh, Floats, Image, Ints, sample_texture_colors
 
 _NEAREST: Final = 4
 _CHUNK: Final = 200_000
@@ -22,7 +22,7 @@ class FaceSquares:
 
     side: int  # of the texture, px
     uvs: Floats  # (F, 3, 2) texture coordinates of the corners, origin at the lower left
-    face: Ints  # (T,) the face of each texel that has one
+    face: Ints  # (T,) face of each texel that belongs to a face
     weights: Floats  # (T, 3) of the face's corners at the texel
     texel: Ints  # (T,) number of the texel, row by row
 
@@ -39,23 +39,6 @@ def lay_out_face_squares(count: int, edge: int) -> FaceSquares:
     upper = cell - 1 - lower
     texels = np.where((index % 2 == 0)[:, None, None], lower, upper) + np.stack([left, top], axis=1)[:, None]
     uvs = np.stack([(texels[:, :, 0] + 0.5) / side, 1 - (texels[:, :, 1] + 0.5) / side], axis=2)
-    return FaceSquares(side, uvs, *_map_texels_to_faces(count, cell, inner, columns))
-
-
-def transfer_texture_to_mesh(old: TexturedMesh, vertices: Floats, faces: Ints, edge: int) -> TexturedMesh:
-    """The new mesh, painted in a texture of ``edge`` px as the old one is at the nearest places."""
-    squares = lay_out_face_squares(len(faces), edge)
-    image = np.zeros((squares.side**2, 3), np.uint8)
-    tree: Any = importlib.import_module("small_gicp").KdTree(old.vertices[old.faces].mean(axis=1))
-    for start in range(0, len(squares.face), _CHUNK):
-        part = slice(start, start + _CHUNK)
-        points = np.einsum("ij,ijk->ik", squares.weights[part], vertices[faces[squares.face[part]]])
-        image[squares.texel[part]] = _sample_nearest_colors(old, points, tree)
-    return TexturedMesh(vertices, faces, squares.uvs, image.reshape(squares.side, squares.side, 3))
-
-
-def _map_texels_to_faces(count: int, cell: int, inner: int, columns: int) -> tuple[Ints, Floats, Ints]:
-    """For every texel of the texture: its face, its weights in that face's corners, and its number."""
     texel = np.arange(cell * cell, dtype=np.int64)
     x, y = texel % cell, texel // cell
     u, v = (x - _MARGIN) / (inner - 1), (y - _MARGIN) / (inner - 1)
@@ -68,10 +51,22 @@ def _map_texels_to_faces(count: int, cell: int, inner: int, columns: int) -> tup
     base = (squares // columns) * cell * columns * cell + (squares % columns) * cell
     where = (base[:, None] + y * columns * cell + x).ravel()
     real = owner < count
-    return owner[real], np.tile(weights, (len(squares), 1))[real], where[real]
+    return FaceSquares(side, uvs, owner[real], np.tile(weights, (len(squares), 1))[real], where[real])
 
 
-def _sample_nearest_colors(old: TexturedMesh, points: Floats, tree: Any) -> Image:
+def transfer_texture_to_mesh(old: AtlasMesh, vertices: Floats, faces: Ints, edge: int) -> AtlasMesh:
+    """Bake the texture of the old mesh into a new texture of ``edge`` px, by nearest surface points."""
+    squares = lay_out_face_squares(len(faces), edge)
+    image = np.zeros((squares.side**2, 3), np.uint8)
+    tree: Any = importlib.import_module("small_gicp").KdTree(old.vertices[old.faces].mean(axis=1))
+    for start in range(0, len(squares.face), _CHUNK):
+        part = slice(start, start + _CHUNK)
+        points = np.einsum("ij,ijk->ik", squares.weights[part], vertices[faces[squares.face[part]]])
+        image[squares.texel[part]] = _sample_nearest_colors(old, points, tree)
+    return AtlasMesh(vertices, faces, squares.uvs, image.reshape(squares.side, squares.side, 3))
+
+
+def _sample_nearest_colors(old: AtlasMesh, points: Floats, tree: Any) -> Image:
     """(N, 3) colours of the old mesh at the places nearest to points, among the faces whose middles are nearest."""
     near = np.asarray(tree.batch_knn_search(points, _NEAREST)[0], np.int64).reshape(len(points), -1)
     best, chosen, at = np.full(len(points), np.inf), np.zeros(len(points), np.int64), np.zeros((len(points), 3))
@@ -91,7 +86,7 @@ _WORTH = 1.25
 
 
 def simplify_mesh(vertices: Floats, faces: Ints, most: int) -> tuple[Floats, Ints]:
-    """The mesh with about ``most`` faces; as it is where it has no more or ``fast-simplification`` is not installed."""
+    """The mesh with about ``most`` faces; unchanged if it has no more or ``fast-simplification`` is not installed."""
     if len(faces) <= most:
         return vertices, faces
     try:
@@ -106,7 +101,7 @@ def simplify_mesh(vertices: Floats, faces: Ints, most: int) -> tuple[Floats, Int
     return np.asarray(points, np.float64) * extent + low, np.asarray(triangles, np.int64)
 
 
-def simplify_textured_mesh(solid: TexturedMesh, most: int, edge: int) -> tuple[TexturedMesh, list[str]]:
+def simplify_textured_mesh(solid: AtlasMesh, most: int, edge: int) -> tuple[AtlasMesh, list[str]]:
     """The solid with about ``most`` faces and a texture of at most about ``edge`` px of its own, and notes."""
     count = len(solid.faces)
     if count <= _WORTH * most:

@@ -1,4 +1,5 @@
-"""Reading URDF, SDF and MJCF of one rigid object with meshes of any format, staged as OBJ for the library's readers."""
+"""Reading URDF, SDF and MJCF of a single rigid object with meshes of any format, staged as OBJ for the library's
+readers."""
 
 import re
 import tempfile
@@ -80,8 +81,8 @@ _DECLARED: Final = re.compile(r"xmlns:([A-Za-z_][\w.-]*)")
 
 
 def _mend_xml(text: str) -> str:
-    """The text of an XML file as lenient parsers see it: its declaration may stand anywhere before the first element,
-    and prefixes (``xacro:``, ``gazebo:``) need no namespace."""
+    """The text of an XML file as lenient parsers see it: its declaration may follow other text, and prefixes
+    (``xacro:``, ``gazebo:``) need no namespace."""
     text = re.sub(r"<\?xml\s[^<>]*\?>", "", text.lstrip("\ufeff"), count=1).lstrip()
     root = re.search(r"<[A-Za-z_][\w.-]*(?=[\s/>])", text)
     prefixes = {first or second for first, second in _PREFIX.findall(text)} - {"xmlns", "xml"}
@@ -94,25 +95,25 @@ def _mend_xml(text: str) -> str:
 
 _Numbers = tuple[float, ...]
 _MOST: Final = 1e4
-"""Of a scale and of a coordinate."""
+"""Bound of scales and coordinates."""
 _MAX_MASS: Final = 1000.0
 """kg"""
 _MAX_FRICTION: Final = 100.0
 
 
 class _Stage:
-    """A folder of OBJ files that stand for the meshes of a description, in its units and axes."""
+    """A folder of OBJ files in place of the meshes of a description, in its units and axes."""
 
     def __init__(self, home: Path, source: SourceFolder, description: str, options: ImportOptions) -> None:
         self.home, self.description = home, description
         self.meshes: dict[str, list[MeshPart]] = {}
         self.notes: list[str] = []
         self.notes_by_mesh: dict[str, list[str]] = {}  # apart, for a mesh that only collides needs no look
-        self.names: dict[tuple[object, ...], str] = {}  # in the stage, by what a mesh is made of
+        self.names: dict[tuple[object, ...], str] = {}  # in the stage, by the ingredients of a mesh
         self._source, self._limits = source, options.limits
 
     def find_picture(self, name: str) -> str | None:
-        """A picture that the description names, relative to the source; None and a note where there is none."""
+        """A picture that the description names, relative to the source; None and a note if it is missing."""
         try:
             return self._source.relative_file_name(self._source.find_file(name, self.description))
         except RefusedError as error:
@@ -120,7 +121,7 @@ class _Stage:
             return None
 
     def read_picture(self, picture: str | None) -> Image | None:
-        """(H, W, 3) of a picture of the source; None and a note where it cannot be read."""
+        """(H, W, 3) of a picture of the source; None and a note if it cannot be read."""
         if picture is None:
             return None
         return read_picture_or_note(self._source.root / picture, self._limits.pixels, self.notes)
@@ -151,7 +152,7 @@ class _Stage:
         return name
 
     def parse_numbers(self, text: str, name: str, counts: Sequence[int] | None) -> _Numbers:
-        """Finite numbers of an attribute, as many as one of ``counts`` or any number of them."""
+        """Finite numbers of an attribute; their count is in ``counts``, if given."""
         try:
             numbers = tuple(float(word) for word in text.split())
             sound = all(abs(number) <= _MOST for number in numbers)
@@ -187,7 +188,11 @@ def _stage_urdf_meshes(top: Element, stage: _Stage) -> None:
                 element.remove(material)
             for shape in element.findall("geometry/*"):
                 if shape.tag == "capsule":
-                    _replace_capsule(shape, stage)
+                    (radius,), (length,) = (
+                        stage.parse_numbers(shape.get(name, ""), name, (1,)) for name in ("radius", "length")
+                    )
+                    shape.tag = "cylinder"
+                    shape.set("length", f"{length + 2 * radius:.9g}")
                 if shape.tag != "mesh":
                     color = color if picture is None else stage.mean_picture_color(picture)
                     continue
@@ -210,7 +215,7 @@ def _stage_urdf_meshes(top: Element, stage: _Stage) -> None:
 def _read_urdf_material(
     material: Element, described: dict[str, Element], stage: _Stage
 ) -> tuple[Floats | None, str | None]:
-    """Colour (3,) in 0..1 and picture of a visual; a material without content is the one of that name elsewhere."""
+    """Colour (3,) in 0..1 and picture of a visual; an empty material refers to another by its name."""
     source = material if len(material) else described.get(material.get("name", ""), material)
     color, texture = source.find("color"), source.find("texture")
     rgb: Floats | None = None
@@ -225,13 +230,6 @@ def _read_urdf_material(
         elif rgb.max() > 1:
             rgb = rgb / 255
     return rgb, None if texture is None else stage.find_picture(texture.get("filename", ""))
-
-
-def _replace_capsule(shape: Element, stage: _Stage) -> None:
-    """Make the cylinder of the same length of a capsule, which Bullet knows."""
-    (radius,), (length,) = (stage.parse_numbers(shape.get(name, ""), name, (1,)) for name in ("radius", "length"))
-    shape.tag = "cylinder"
-    shape.set("length", f"{length + 2 * radius:.9g}")
 
 
 def _remove_impossible_quantities(link: Element, notes: list[str]) -> None:
@@ -256,11 +254,11 @@ _MESH_ATTRIBUTES: Final = {
     *("name", "class", "content_type", "file", "vertex", "normal", "texcoord", "face", "material"),
     *("scale", "refpos", "refquat", "inertia", "smoothnormal", "maxhullvert", "octree_maxdepth", "needsdf"),
 }
-"""What is applied, and what no shape depends on."""
+"""Attributes that are applied, or that no shape depends on."""
 
 
 def _stage_mjcf_meshes(top: Element, stage: _Stage) -> bool:
-    """Replace the meshes and materials of an MJCF file by those of the stage; whether it says the mass."""
+    """Replace the meshes and materials of an MJCF file by those of the stage. Returns: True if it states the mass."""
     folders = {"meshdir": "", "texturedir": "", "assetdir": ""}
     for compiler in top.findall("compiler"):
         folders |= {name: compiler.attrib.pop(name) for name in folders if name in compiler.attrib}
@@ -268,49 +266,43 @@ def _stage_mjcf_meshes(top: Element, stage: _Stage) -> bool:
     defaults = MjcfDefaults(top)
     meshes: dict[str, dict[str, str]] = {}
     for mesh in top.findall("asset/mesh"):
-        said = defaults.attributes_with_defaults(mesh, "")
-        meshes[said.get("name") or PurePosixPath(said.get("file", "").replace("\\", "/")).stem] = said
-    looks = _read_mjcf_looks(top, defaults)
+        attributes = defaults.attributes_with_defaults(mesh, "")
+        meshes[attributes.get("name") or PurePosixPath(attributes.get("file", "").replace("\\", "/")).stem] = attributes
+    textures = {texture.get("name", ""): texture for texture in top.findall("asset/texture")}
+    looks: dict[str, tuple[str | None, Element | None]] = {}
+    for material in top.findall("asset/material"):
+        attributes = defaults.attributes_with_defaults(material, "")
+        layers = {layer.get("role", ""): layer.get("texture", "") for layer in material.findall("layer")}
+        name = attributes.get("texture") or layers.get("rgb") or layers.get("rgba") or ""
+        looks[attributes.get("name", "")] = (attributes.get("rgba"), textures.get(name))
     for world in top.findall("worldbody"):
         for ground in world.findall("geom[@type='plane']"):
             world.remove(ground)  # the floor of a scene is no part of its object
     has_mass, has_inertial = True, top.find(".//inertial") is not None
-    for geom, said in _iterate_mjcf_geoms(top, defaults):
-        kind, mesh_name = said.get("type", "sphere"), said.get("mesh", "")
-        if "fitscale" in said or (mesh_name and kind != "mesh"):
-            message = f"geom {said.get('name', '')!r} fits a {kind} to the mesh {mesh_name!r}"
+    for geom, attributes in _iterate_mjcf_geoms(top, defaults):
+        kind, mesh_name = attributes.get("type", "sphere"), attributes.get("mesh", "")
+        if "fitscale" in attributes or (mesh_name and kind != "mesh"):
+            message = f"geom {attributes.get('name', '')!r} fits a {kind} to the mesh {mesh_name!r}"
             raise RefusedError(f"{stage.description}: {message}", 'give it type="mesh", or a size')
         if kind == "mesh" and mesh_name not in meshes:
             message = f"mesh {mesh_name[:60]!r} is not among the assets"
             raise RefusedError(f"{stage.description}: {message}", "name a <mesh> of <asset>")
         mesh = meshes.get(mesh_name, {})
-        color, texture = looks.get(said.get("material", mesh.get("material", "")), (None, None))
+        color, texture = looks.get(attributes.get("material", mesh.get("material", "")), (None, None))
         picture, plain = _read_mjcf_texture(texture, texture_folder, stage)
         if kind == "mesh":
             geom.set("mesh", _stage_mjcf_mesh(mesh_name, mesh, mesh_folder, picture, stage))
-            if not has_inertial and "mass" not in said:
+            if not has_inertial and "mass" not in attributes:
                 geom.set("mass", "0")  # weighed from its volume later
-                collides = any(said.get(bit, "1") != "0" for bit in ("contype", "conaffinity"))
-                has_mass = has_mass and (said.get("density") == "0" or not collides)
+                collides = any(attributes.get(bit, "1") != "0" for bit in ("contype", "conaffinity"))
+                has_mass = has_mass and (attributes.get("density") == "0" or not collides)
         elif picture is not None:
             plain = stage.mean_picture_color(picture)
-        rgba = said.get("rgba", color) if plain is None else " ".join(f"{share:.6g}" for share in (*plain, 1.0))
+        rgba = attributes.get("rgba", color) if plain is None else " ".join(f"{share:.6g}" for share in (*plain, 1.0))
         if rgba is not None:
             geom.set("rgba", rgba)
     _replace_mjcf_assets(top, stage)
     return has_mass
-
-
-def _read_mjcf_looks(top: Element, defaults: MjcfDefaults) -> dict[str, tuple[str | None, Element | None]]:
-    """The rgba and the texture of each material of an MJCF file by its name."""
-    textures = {texture.get("name", ""): texture for texture in top.findall("asset/texture")}
-    looks: dict[str, tuple[str | None, Element | None]] = {}
-    for material in top.findall("asset/material"):
-        said = defaults.attributes_with_defaults(material, "")
-        layers = {layer.get("role", ""): layer.get("texture", "") for layer in material.findall("layer")}
-        name = said.get("texture") or layers.get("rgb") or layers.get("rgba") or ""
-        looks[said.get("name", "")] = (said.get("rgba"), textures.get(name))
-    return looks
 
 
 def _replace_mjcf_assets(top: Element, stage: _Stage) -> None:
@@ -337,7 +329,7 @@ def _iterate_mjcf_geoms(top: Element, defaults: MjcfDefaults) -> Iterator[tuple[
 
 
 def _read_mjcf_texture(texture: Element | None, folder: str, stage: _Stage) -> tuple[str | None, Floats | None]:
-    """The picture of a texture that lies on texture coordinates, else the colour (3,) that stands for it."""
+    """The picture of a texture for texture coordinates, else its mean colour (3,)."""
     if texture is None:
         return None, None
     files = [texture.get(name, "") for name in ("file", "fileright", "fileleft", "filefront", "fileup")]
@@ -353,24 +345,24 @@ def _read_mjcf_texture(texture: Element | None, folder: str, stage: _Stage) -> t
     return None, stage.mean_picture_color(picture)
 
 
-def _stage_mjcf_mesh(name: str, said: dict[str, str], folder: str, picture: str | None, stage: _Stage) -> str:
+def _stage_mjcf_mesh(name: str, attributes: dict[str, str], folder: str, picture: str | None, stage: _Stage) -> str:
     """The file name in the stage of a mesh asset: moved by its reference pose, then scaled, as MuJoCo does."""
-    unknown = sorted(set(said) - _MESH_ATTRIBUTES)
+    unknown = sorted(set(attributes) - _MESH_ATTRIBUTES)
     if unknown:
         message = f"mesh {name[:60]!r} has {', '.join(unknown)}"
         raise RefusedError(f"{stage.description}: {message}", "give it as a file or as vertices and faces")
     key = (name, picture)
     if key not in stage.names:
-        if "vertex" in said:
+        if "vertex" in attributes:
             reading = SourceModel([], notes=[])
             image = stage.read_picture(picture)
-            reading.parts.append(_read_inline_mesh(name, said, image, stage, reading.notes))
+            reading.parts.append(_read_inline_mesh(name, attributes, image, stage, reading.notes))
         else:
-            file = said.get("file", "")
+            file = attributes.get("file", "")
             reading = stage.read_mesh_file(f"{folder}/{file}" if folder else file, picture)
-        scale = np.asarray(stage.parse_scale(said.get("scale", "1 1 1")))
-        position = np.asarray(stage.parse_numbers(said.get("refpos", "0 0 0"), "refpos", (3,)))
-        w, x, y, z = stage.parse_numbers(said.get("refquat", "1 0 0 0"), "refquat", (4,))
+        scale = np.asarray(stage.parse_scale(attributes.get("scale", "1 1 1")))
+        position = np.asarray(stage.parse_numbers(attributes.get("refpos", "0 0 0"), "refpos", (3,)))
+        w, x, y, z = stage.parse_numbers(attributes.get("refquat", "1 0 0 0"), "refquat", (4,))
         length = float(np.linalg.norm((w, x, y, z)))
         if length < 1e-9:
             raise RefusedError(f"{stage.description}: refquat of mesh {name[:60]!r} is zero", "give a rotation")
@@ -382,20 +374,20 @@ def _stage_mjcf_mesh(name: str, said: dict[str, str], folder: str, picture: str 
 
 
 def _read_inline_mesh(
-    name: str, said: dict[str, str], image: Image | None, stage: _Stage, notes: list[str]
+    name: str, attributes: dict[str, str], image: Image | None, stage: _Stage, notes: list[str]
 ) -> MeshPart:
     """A mesh that an MJCF file writes out; without faces it is the convex hull of its vertices."""
     points, numbers, coordinates = (
-        np.asarray(stage.parse_numbers(said.get(key, ""), f"{key} of mesh {name[:60]!r}", None))
+        np.asarray(stage.parse_numbers(attributes.get(key, ""), f"{key} of mesh {name[:60]!r}", None))
         for key in ("vertex", "face", "texcoord")
     )
     count = len(points) // 3
     sound = len(points) % 3 == 0 and count >= 4 and len(numbers) % 3 == 0 and len(coordinates) in (0, 2 * count)
     if not sound or (len(numbers) and not (0 <= numbers.min() <= numbers.max() < count)):
-        found = (
+        counts = (
             f"{len(points)} numbers of vertices, {len(numbers)} of faces and {len(coordinates)} of texture coordinates"
         )
-        message = f"{stage.description}: mesh {name[:60]!r} has {found}, which do not fit"
+        message = f"{stage.description}: mesh {name[:60]!r} has {counts}, which do not fit"
         raise RefusedError(message, "give 3 numbers for each vertex and face, and 2 for each texture coordinate")
     vertices = points.reshape(-1, 3)
     if len(numbers):
@@ -411,7 +403,7 @@ def _read_inline_mesh(
 def _build_source_model(
     model: ObjectModel, stage: _Stage, has_mass: bool, has_friction: bool, max_parts: int
 ) -> SourceModel:
-    """What an object shows and what of it collides; its meshes collide as at most ``max_parts`` hulls each."""
+    """Visuals and colliders of an object; its meshes collide as at most ``max_parts`` hulls each."""
     colliders: list[Collider] = []
     seen = [shape.mesh or "" for shape in model.visuals]
     notes = [*stage.notes, *(note for mesh in seen for note in stage.notes_by_mesh.get(mesh, ()))]
@@ -426,9 +418,14 @@ def _build_source_model(
             notes += more
         else:
             colliders.append(shape.model_copy(update={"color": None, "texture": None}))
-    parts = [
-        _apply_shape_color(part, shape) for shape in model.visuals for part in _shape_to_mesh_parts(shape, stage.meshes)
-    ]
+    parts: list[MeshPart] = []
+    for shape in model.visuals:
+        for part in _shape_to_mesh_parts(shape, stage.meshes):
+            colors = part.colors
+            if part.image is None and (shape.color is not None or colors is None):  # the description's colour wins
+                rgb = np.rint(np.array((shape.color or _GREY)[:3]) * 255).astype(np.uint8)
+                colors = np.tile(rgb, (len(part.faces), 1))
+            parts.append(replace(part, colors=colors))
     mass = None
     if has_mass and model.mass > 0:
         mass = Quantity(value=model.mass, provenance="catalogue", deviation=0.1)
@@ -450,16 +447,8 @@ def _shape_to_mesh_parts(shape: Shape, meshes: dict[str, list[MeshPart]]) -> lis
 
 
 def _place_part(part: MeshPart, scale: Floats, turn: Floats, position: Floats) -> MeshPart:
-    """A part scaled, turned, then moved; a mirrored one keeps its outside."""
+    """Scale, turn, then move a part; the faces of a mirrored part are flipped to keep their outside."""
     faces, uvs = part.faces, part.uvs
     if np.prod(scale) < 0:
         faces, uvs = faces[:, ::-1], None if uvs is None else uvs[:, ::-1]
     return MeshPart(part.vertices * scale @ turn.T + position, faces, uvs, part.image, part.colors)
-
-
-def _apply_shape_color(part: MeshPart, shape: Shape) -> MeshPart:
-    """A description's own colour goes over what a mesh without a picture says."""
-    if part.image is not None or (shape.color is None and part.colors is not None):
-        return part
-    rgb = np.rint(np.array((shape.color or _GREY)[:3]) * 255).astype(np.uint8)
-    return MeshPart(part.vertices, part.faces, part.uvs, part.image, np.tile(rgb, (len(part.faces), 1)))

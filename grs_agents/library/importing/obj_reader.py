@@ -1,5 +1,6 @@
-"""Reading Wavefront OBJ with its MTL. A fault of the look costs the look and is noted; the triangles alone are needed.
-Polygons become fans; indices from the end count from where they stand; several MTL files and materials are read."""
+"""Reading Wavefront OBJ with its MTL. Faults of materials cost the material and are noted; only the triangles are
+required. Polygons become fans; negative indices count back from the current line; several MTL files and materials are
+read."""
 
 import re
 from array import array
@@ -29,7 +30,7 @@ _OPTION: Final = re.compile(
     r"|(?:blendu|blendv|cc|clamp|texres|bm|boost|imfchan|type|colorspace)\s+\S+)\s+(?=\S)",
     re.IGNORECASE,
 )
-"""An option of a map, which stands before the file name."""
+"""An option of a map, before the file name."""
 _MAPS: Final = ("map_kd", "map_ka")
 """Pictures of the colour; exporters that write the second alone mean the first."""
 _OPAQUE: Final = 0.95
@@ -62,7 +63,7 @@ def find_obj_material_files(folder: SourceFolder, obj: str) -> list[str]:
 def read_obj(
     folder: SourceFolder, name: str, limits: ImportLimits, picture: Image | None
 ) -> tuple[list[MeshPart], list[str]]:
-    """The parts of an OBJ file, one for each material, and what was found wrong with their look.
+    """Read the parts of an OBJ file, a part for each material, and the faults of their materials.
 
     Args:
         picture: (H, W, 3) of all parts, in the place of the pictures that the file names.
@@ -164,7 +165,7 @@ class _ObjText:
 
 
 def _parse_corner(word: str, points: int, uvs: int) -> tuple[int, int]:
-    """The vertex and the texture coordinate of a corner, from 0; -1 where it has no texture coordinate."""
+    """The vertex and the texture coordinate of a corner, from 0; -1 without texture coordinate."""
     first, _, rest = word.partition("/")
     second = rest.partition("/")[0]
     index, other_index = int(first), int(second) if second else 0
@@ -177,8 +178,8 @@ def _parse_corner(word: str, points: int, uvs: int) -> tuple[int, int]:
 def _read_materials(
     folder: SourceFolder, obj: str, names: list[str], notes: list[str]
 ) -> tuple[dict[str, ObjMaterial], list[str]]:
-    """The materials by name and the files that they are from: those that the OBJ file names, else that of its own name
-    with the suffix ``.mtl``."""
+    """Materials by name, and their files: those that the OBJ file names, else the file of its own name with the suffix
+    ``.mtl``."""
     paths: list[Path] = []
     for name in list(dict.fromkeys(name for name in names if len(name) <= _MTL_LINE))[:_NAMES]:
         whole = folder.search_file(name, obj)
@@ -226,9 +227,9 @@ def _read_mtl(
                 continue  # a spectral curve or CIE XYZ
             material.color = numbers * 3 if len(numbers) == 1 else numbers if len(numbers) == 3 else None
         elif key in _MAPS and rest and _MAPS.index(key) < material.rank:
-            found = _look_up_map(folder, mtl, rest, maps, notes)
-            if found is not None:
-                material.picture, material.scale, material.offset = found
+            texture = _look_up_map(folder, mtl, rest, maps, notes)
+            if texture is not None:
+                material.picture, material.scale, material.offset = texture
                 material.rank = _MAPS.index(key)
         elif key in ("d", "tr") and rest:
             try:
@@ -244,23 +245,16 @@ def _read_mtl(
 def _look_up_map(
     folder: SourceFolder, mtl: str, rest: str, maps: dict[tuple[str, str], _Map | None], notes: list[str]
 ) -> _Map | None:
-    """What `_read_map` says, once for each file and words; None and a note where there is no picture."""
-    if (mtl, rest) not in maps:
-        if len(maps) >= _NAMES:
-            notes.append(f"{PurePosixPath(mtl).name}: of more than {_NAMES} pictures the rest is not shown")
-            return None
-        try:
-            maps[mtl, rest] = _read_map(folder, mtl, rest)
-        except RefusedError as error:
-            maps[mtl, rest] = None
-            notes.append(f"{error.message}: the picture is not shown")
-    return maps[mtl, rest]
-
-
-def _read_map(folder: SourceFolder, mtl: str, rest: str) -> _Map:
-    """The picture, scale and offset of a map: its options, then a file name that may hold blanks."""
+    """The picture, scale and offset of a map, cached in ``maps`` by file and words; None and a note without a
+    picture."""
+    key = (mtl, rest)
+    if key in maps:
+        return maps[key]
+    if len(maps) >= _NAMES:
+        notes.append(f"{PurePosixPath(mtl).name}: of more than {_NAMES} pictures the rest is not shown")
+        return None
     scale, offset = (1.0, 1.0), (0.0, 0.0)
-    while match := _OPTION.match(rest):
+    while match := _OPTION.match(rest):  # a file name that may hold blanks follows the options
         rest = rest[match.end() :]
         numbers = [float(word) for word in (match["numbers"] or "").split()[:2]]
         if not numbers or max(map(abs, numbers)) > _FAR:
@@ -269,4 +263,9 @@ def _read_map(folder: SourceFolder, mtl: str, rest: str) -> _Map:
             scale = (numbers[0], numbers[1] if len(numbers) > 1 else 1.0)
         elif match["key"].lower() == "o":
             offset = (numbers[0], numbers[1] if len(numbers) > 1 else 0.0)
-    return folder.relative_file_name(folder.find_file(rest, mtl)), scale, offset
+    try:
+        maps[key] = folder.relative_file_name(folder.find_file(rest, mtl)), scale, offset
+    except RefusedError as error:
+        maps[key] = None
+        notes.append(f"{error.message}: the picture is not shown")
+    return maps[key]

@@ -19,16 +19,16 @@ from grs_agents.library.importing.mesh_appearance import split_name_into_words
 _COMMONS: Final = ("by", "by-sa", "by-nd", "by-nc", "by-nc-sa", "by-nc-nd")
 _LICENSES: Final = {"cc0": "CC0-1.0"} | {name: f"CC-{name.upper()}-4.0" for name in _COMMONS}
 _FAULTS: Final = (OSError, EOFError, ValueError, KeyError, TypeError, zlib.error)
-"""What the package raises if it is offline, or if what it downloaded before is cut off."""
+"""Errors of the package if it is offline or its earlier downloads are cut off."""
 _TIMEOUT: Final = 60.0
-"""Seconds without a byte after which a host is given up; the package itself waits for ever."""
+"""Seconds without a byte after which a host is given up; the package itself waits without limit."""
 
 
 class Objaverse(Protocol):
     """The part of the ``objaverse`` package that is used."""
 
     def load_annotations(self, uids: list[str] | None = None) -> Mapping[str, Mapping[str, Any]]:
-        """What is known of objects: name, tags, license, viewerUrl and more, by identifier."""
+        """Annotations of objects by identifier: name, tags, license, viewerUrl and more."""
         ...
 
     def load_objects(self, uids: list[str], download_processes: int = 1) -> Mapping[str, str]:
@@ -37,18 +37,18 @@ class Objaverse(Protocol):
 
 
 class ObjaverseEntry(Frozen):
-    """What is known of an object before it is downloaded."""
+    """Metadata of an object before its download."""
 
     uid: str  # its identifier
     title: str  # as its author calls it
-    license: str  # SPDX where it is one of Creative Commons
+    license: str  # SPDX for Creative Commons licences
     author: str = ""
-    faces: int = 0  # of its mesh; 0 where nothing says
-    score: int = 0  # how many of the words that were asked for its title and tags have
+    faces: int = 0  # of its mesh; 0 if unknown
+    score: int = 0  # matches of the wanted words in its title and tags
 
 
 def load_objaverse_package() -> Objaverse:
-    """The ``objaverse`` package; a `ConfigError` where it is not installed."""
+    """The ``objaverse`` package; a `ConfigError` if it is not installed."""
     try:
         return cast(Objaverse, importlib.import_module("objaverse"))
     except ImportError as error:
@@ -62,7 +62,12 @@ def search_objaverse(package: Objaverse, words: str, most: int = 50) -> list[Obj
     if not wanted:
         raise InputError("objaverse: without words", "name what you look for, as in objaverse:red mug")
     with _convert_package_errors("metadata cannot be loaded"):
-        entries = [entry for part in _iterate_annotations(package) for entry in _find_matching_entries(part, wanted)]
+        entries = [
+            entry
+            for part in _iterate_annotations(package)
+            for uid, annotation in part.items()
+            if (entry := _match_annotation(str(uid), annotation, wanted)) is not None
+        ]
     return sorted(entries, key=lambda entry: (-entry.score, entry.faces or 10**9, entry.uid))[:most]
 
 
@@ -82,8 +87,8 @@ def download_objects(package: Objaverse, entries: Sequence[ObjaverseEntry], fold
 
 
 @contextlib.contextmanager
-def _convert_package_errors(what: str) -> Generator[None]:
-    """What the package prints goes to standard error, and its errors become ours."""
+def _convert_package_errors(failure: str) -> Generator[None]:
+    """Redirect the package's output to standard error, and convert its errors."""
     timeout = socket.getdefaulttimeout()
     socket.setdefaulttimeout(_TIMEOUT)
     try:
@@ -91,13 +96,13 @@ def _convert_package_errors(what: str) -> Generator[None]:
             yield
     except _FAULTS as error:
         remedy = "see whether this machine is online, and delete what is cut off in ~/.objaverse"
-        raise InputError(f"Objaverse's {what}: {error or type(error).__name__}", remedy) from error
+        raise InputError(f"Objaverse's {failure}: {error or type(error).__name__}", remedy) from error
     finally:
         socket.setdefaulttimeout(timeout)
 
 
 def _iterate_annotations(package: Objaverse) -> Iterator[Mapping[str, Mapping[str, Any]]]:
-    """What is known of all objects, one folder of 5,000 after the other: together they would take many gigabytes."""
+    """Annotations of all objects, a folder of 5,000 after the other: together they would take many gigabytes."""
     object_paths = getattr(package, "_load_object_paths", None)
     if object_paths is None:
         yield package.load_annotations()
@@ -109,19 +114,20 @@ def _iterate_annotations(package: Objaverse) -> Iterator[Mapping[str, Mapping[st
         yield package.load_annotations(folders[folder])
 
 
-def _find_matching_entries(annotations: Mapping[str, Mapping[str, Any]], wanted: set[str]) -> Iterator[ObjaverseEntry]:
-    for uid, annotation in annotations.items():
-        title = str(annotation.get("name", ""))
-        tags = " ".join(str(tag.get("name", "")) for tag in annotation.get("tags", ()))
-        in_title, in_tags = wanted & set(split_name_into_words(title)), wanted & set(split_name_into_words(tags))
-        if in_title | in_tags >= wanted:
-            license_ = str(annotation.get("license", ""))
-            user = cast(Mapping[str, object], annotation.get("user") or {})
-            yield ObjaverseEntry(
-                uid=str(uid),
-                title=title[:200],
-                license=_LICENSES.get(license_, license_ or "unknown"),
-                author=str(user.get("displayName", ""))[:100],
-                faces=int(annotation.get("faceCount") or 0),
-                score=len(wanted) + len(in_title),
-            )
+def _match_annotation(uid: str, annotation: Mapping[str, Any], wanted: set[str]) -> ObjaverseEntry | None:
+    """The entry of an object whose title and tags have all wanted words, else None."""
+    title = str(annotation.get("name", ""))
+    tags = " ".join(str(tag.get("name", "")) for tag in annotation.get("tags", ()))
+    in_title, in_tags = wanted & set(split_name_into_words(title)), wanted & set(split_name_into_words(tags))
+    if not in_title | in_tags >= wanted:
+        return None
+    license_ = str(annotation.get("license", ""))
+    user = cast(Mapping[str, object], annotation.get("user") or {})
+    return ObjaverseEntry(
+        uid=uid,
+        title=title[:200],
+        license=_LICENSES.get(license_, license_ or "unknown"),
+        author=str(user.get("displayName", ""))[:100],
+        faces=int(annotation.get("faceCount") or 0),
+        score=len(wanted) + len(in_title),
+    )

@@ -1,4 +1,4 @@
-"""Reading SDF, the format of Gazebo: a model of one rigid object, written as the URDF that says the same."""
+"""Reading SDF, the format of Gazebo: a model of a single rigid object, converted to the equivalent URDF."""
 
 import math
 from collections.abc import Sequence
@@ -17,13 +17,13 @@ _NAMED_FRAMES: Final = ("", "__model__")
 
 
 def convert_sdf_to_urdf(top: Element, fault: Fault, notes: list[str]) -> Element:
-    """The URDF of the one model of an SDF file: one link with all of its visuals and collisions in the model's frame.
+    """Convert an SDF file of a single model to URDF: a link with all visuals and collisions in the model's frame.
 
     Args:
-        notes: gets what the URDF cannot say.
+        notes: receives the parts that URDF cannot express.
 
     Raises:
-        InputError: by ``fault``: it is no SDF file of one rigid model that stands for itself.
+        InputError: by ``fault``: it is no SDF file of a single self-contained rigid model.
     """
     models = [*top.findall("model"), *top.findall("world/model")]
     if top.tag != "sdf" or len(models) != 1:
@@ -34,8 +34,8 @@ def convert_sdf_to_urdf(top: Element, fault: Fault, notes: list[str]) -> Element
             raise fault(f"<{tag}> in <model> is not read", "write out what it stands for")
     for joint in model.findall("joint"):
         if joint.get("type") != "fixed":
-            found = f"joint {joint.get('name', '')[:60]!r} is {joint.get('type', 'of no type')[:20]}"
-            raise fault(found, "make it fixed: an object is one rigid thing")
+            message = f"joint {joint.get('name', '')[:60]!r} is {joint.get('type', 'of no type')[:20]}"
+            raise fault(message, "make it fixed: an object is one rigid thing")
     robot = Element("robot", {"name": "object"})
     link = SubElement(robot, "link", {"name": "object"})
     mass, masses = 0.0, list[str]()
@@ -81,15 +81,13 @@ def _add_shape(link: Element, tag: str, shape: Element, place: Placement, fault:
         SubElement(target, "sphere", {"radius": _text(geometry, "radius")})
     else:
         raise fault(f"<{geometry.tag[:40]}> is not read", "use box, cylinder, capsule, sphere or mesh")
-    if tag == "visual":
-        _add_material(element, shape, notes)
+    material = shape.find("material") if tag == "visual" else None
+    if material is not None:
+        _add_material(element, material, notes)
 
 
-def _add_material(element: Element, shape: Element, notes: list[str]) -> None:
+def _add_material(element: Element, material: Element, notes: list[str]) -> None:
     """Add the material of an SDF visual: its albedo picture, its diffuse colour, or the colour that a script names."""
-    material = shape.find("material")
-    if material is None:
-        return
     albedo = next(filter(None, (_text(material, f"pbr/{flow}/albedo_map") for flow in ("metal", "specular"))), "")
     diffuse, script = _text(material, "diffuse"), _text(material, "script/name")
     rgb = COLORS.get(script.rpartition("/")[2].lower().replace("grey", "gray"))
@@ -105,7 +103,7 @@ def _add_material(element: Element, shape: Element, notes: list[str]) -> None:
 
 
 def _read_pose(element: Element, fault: Fault) -> Placement:
-    """Position (m) and rotation of a link, visual or collision in what is around it."""
+    """Position (m) and rotation of a link, visual or collision in its parent."""
     pose = element.find("pose")
     if pose is None or not (pose.text or "").strip():
         return IDENTITY_PLACEMENT

@@ -1,4 +1,4 @@
-"""Names of files that strangers wrote: only what lies inside the source is opened, and only what is small enough."""
+"""File names by strangers: only small enough files inside the source are opened."""
 
 import re
 import unicodedata
@@ -49,12 +49,12 @@ class SourceFolder:
         return resolved
 
     def find_file(self, name: str, beside: str = "") -> Path:
-        """`search_file`; errors as `resolve_file` where there is none."""
-        found = self.search_file(name, beside)
-        return self.resolve_file(name, beside) if found is None else self.resolve_file(self.relative_file_name(found))
+        """`search_file`; errors as `resolve_file` without a match."""
+        file = self.search_file(name, beside)
+        return self.resolve_file(name, beside) if file is None else self.resolve_file(self.relative_file_name(file))
 
     def search_file(self, name: str, beside: str = "") -> Path | None:
-        """The file that the author of ``beside`` meant by ``name``; None where there is none.
+        """The file that the author of ``beside`` meant by ``name``; None without a match.
 
         Backslashes, percent codes and letter case are those of other systems. Of an absolute path and of a
         ``package://`` or ``model://`` name the longest end counts that exists beside ``beside`` or in a folder around
@@ -74,9 +74,9 @@ class SourceFolder:
             homes = [place for place in (home, *home.parents) if place.is_relative_to(self.root)]
             places = [(tail, place) for tail in tails for place in homes] if rooted else [(words, home)]
             for tail, place in [*places, (words[-1:], home)]:
-                found = self._follow(place, tail)
-                if found is not None:
-                    return found
+                file = self._follow(place, tail)
+                if file is not None:
+                    return file
         return None
 
     def _follow(self, place: Path, words: Sequence[str]) -> Path | None:
@@ -86,31 +86,26 @@ class SourceFolder:
             if word == "..":
                 place = place.parent
                 continue
-            if not place.is_relative_to(self.root) or not (entry := self._find_entry(place, word)):
+            if not place.is_relative_to(self.root):
                 return None
-            place = entry
+            if place not in self._entries:  # listed once: files name thousands of others that do not exist
+                try:
+                    names = [entry.name for entry in islice(place.iterdir(), _ENTRIES)]
+                except OSError:
+                    names = list[str]()
+                folded = {_fold_case(entry): entry for entry in reversed(names)}
+                self._entries[place] = {entry: entry for entry in names}, folded
+            exact, folded = self._entries[place]
+            entry = exact.get(word) or folded.get(_fold_case(word))  # also in another letter case or Unicode form
+            if entry is None:
+                return None
+            place /= entry
         place = place.resolve()
         return place if place.is_relative_to(self.root) and place.is_file() else None
 
     def relative_file_name(self, path: Path) -> str:
         """The name of a file inside the folder."""
         return path.resolve().relative_to(self.root).as_posix()
-
-    def _find_entry(self, folder: Path, name: str) -> Path | None:
-        """The entry of a folder by its name, else by its name in another letter case or Unicode form.
-
-        A folder is listed once: files name thousands of others that do not exist.
-        """
-        if folder not in self._entries:
-            try:
-                names = [entry.name for entry in islice(folder.iterdir(), _ENTRIES)]
-            except OSError:
-                names = list[str]()
-            folded = {_fold_case(entry): entry for entry in reversed(names)}
-            self._entries[folder] = {entry: entry for entry in names}, folded
-        exact, folded = self._entries[folder]
-        entry = exact.get(name) or folded.get(_fold_case(name))
-        return None if entry is None else folder / entry
 
 
 def _fold_case(name: str) -> str:

@@ -1,19 +1,21 @@
-"""Parts of several looks as one mesh with one picture: pictures side by side, plain colours as single texels.
-Unused texels take the colour of the nearest used ones, so that edges stay clean when the picture shrinks."""
+"""Texture atlas: parts of several looks become a mesh with a single picture, plain colours single texels. Unused texels
+take the colour of the nearest used texels, so that edges stay clean when the picture shrinks."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 from grs_agents.base.geometry.raster import rasterise_triangles
-from grs_agents.library.importing.types import Floats, Image, Ints, MeshPart, TexturedMesh
+from grs_agents.library.importing.textures import GREY
+from grs_agents.library.importing.types import AtlasMesh, Floats, Image, Ints, MeshPart
 
 _LARGEST = 2048
 _SMALLEST = 4
 
 
 def shrink_and_fill_texture(image: Image, uvs: Floats, edge: int) -> Image:
-    """The texture, at most ``edge`` px; what is in no triangle of ``uvs`` (F, 3, 2) continues what is beside it."""
+    """The texture, at most ``edge`` px; texels outside all triangles of ``uvs`` (F, 3, 2) are filled from their
+    neighbours."""
     image = shrink_image(image, _LARGEST)
     height, width = image.shape[:2]
     if min(height, width) < 2 * _SMALLEST:
@@ -48,22 +50,23 @@ def _halve_resolution(values: Floats) -> Floats:
 
 
 def _fill_empty_texels(color: Floats, weight: Floats) -> Floats:
-    """Colours over their weights; where there is no weight, those of the same picture at half its size."""
-    own = color / np.maximum(weight, 1e-9)[:, :, None]
+    """Colours over their weights; texels without weight come from the picture at half its size."""
+    known = color / np.maximum(weight, 1e-9)[:, :, None]
     if (weight > 0).all() or min(weight.shape) < _SMALLEST:
-        return own
+        return known
     coarse = _fill_empty_texels(_halve_resolution(color), _halve_resolution(weight[:, :, None])[:, :, 0])
     larger = coarse.repeat(2, axis=0).repeat(2, axis=1)[: weight.shape[0], : weight.shape[1]]
-    return np.where((weight > 0)[:, :, None], own, larger)
+    return np.where((weight > 0)[:, :, None], known, larger)
 
 
 _GAP, _SWATCH, _PALETTE = 2, 4, 256
 _WELD = 1e-6
-"""Corners nearer than this share of the mesh's extent are one vertex."""
+"""Weld tolerance as a share of the mesh's extent."""
 
 
-def merge_mesh_parts(parts: Sequence[MeshPart], edge: int) -> TexturedMesh:
-    """All parts as one welded mesh with one picture of at most ``edge`` px: theirs, then a palette of plain colours."""
+def merge_mesh_parts(parts: Sequence[MeshPart], edge: int) -> AtlasMesh:
+    """Weld all parts into a mesh with a single picture of at most ``edge`` px: their pictures, then a palette of plain
+    colours."""
     textured = [part.image is not None and part.uvs is not None for part in parts]
     palette, swatches = _build_color_swatches(
         [part for part, has_image in zip(parts, textured, strict=True) if not has_image]
@@ -72,10 +75,16 @@ def merge_mesh_parts(parts: Sequence[MeshPart], edge: int) -> TexturedMesh:
     pictures: list[Image] = []
     for part in parts:
         if part.image is not None and part.uvs is not None:
-            part_uvs.append(_move_uvs_to_unit_square(part.uvs))
+            middle = part.uvs.mean(axis=1, keepdims=True)
+            outside = (part.uvs.min(axis=1) < -1e-6).any(axis=1) | (part.uvs.max(axis=1) > 1 + 1e-6).any(axis=1)
+            part_uvs.append(np.clip(np.where(outside[:, None, None], part.uvs - np.floor(middle), part.uvs), 0, 1))
             pictures.append(shrink_and_fill_texture(part.image, part_uvs[-1], edge))
         else:
-            part_uvs.append(_palette_swatch_uvs(swatches[: len(part.faces)], palette))
+            index = swatches[: len(part.faces)]
+            height, width = palette.shape[:2]
+            u = (index % 16 + 0.5) * _SWATCH / width
+            v = 1 - (index // 16 + 0.5) * _SWATCH / height
+            part_uvs.append(np.repeat(np.stack([u, v], axis=1)[:, None], 3, axis=1))
             swatches = swatches[len(part.faces) :]
     sheet, boxes = _arrange_images_in_grid(pictures if all(textured) else [*pictures, palette], edge)
     places = iter(boxes)
@@ -85,7 +94,7 @@ def merge_mesh_parts(parts: Sequence[MeshPart], edge: int) -> TexturedMesh:
         for box in [next(places) if has_image else boxes[-1]]
     ]
     vertices, faces = weld_vertices(*concatenate_mesh_parts(parts))
-    return TexturedMesh(vertices, faces, np.concatenate(uvs), sheet)
+    return AtlasMesh(vertices, faces, np.concatenate(uvs), sheet)
 
 
 def concatenate_mesh_parts(parts: Sequence[MeshPart]) -> tuple[Floats, Ints]:
@@ -96,7 +105,7 @@ def concatenate_mesh_parts(parts: Sequence[MeshPart]) -> tuple[Floats, Ints]:
 
 
 def weld_vertices(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
-    """Vertices at one place become one; those that no face uses are dropped."""
+    """Weld coincident vertices and drop unused vertices."""
     used = np.unique(faces)
     extent = float(np.ptp(vertices[used], axis=0).max()) or 1.0
     keys: Ints = np.rint((vertices[used] - vertices[used].min(axis=0)) / (extent * _WELD)).astype(np.int64)
@@ -110,8 +119,10 @@ def _build_color_swatches(parts: Sequence[MeshPart]) -> tuple[Image, Ints]:
     """A picture of swatches, 16 in a row, and the number of the swatch of each face."""
     if not parts:
         return np.zeros((0, 0, 3), np.uint8), np.zeros(0, np.int64)
-    grey = np.full((1, 3), 180, np.uint8)
-    colors = np.concatenate([np.repeat(grey, len(one.faces), 0) if one.colors is None else one.colors for one in parts])
+    grey = np.array([GREY], np.uint8)
+    colors = np.concatenate(
+        [np.repeat(grey, len(part.faces), 0) if part.colors is None else part.colors for part in parts]
+    )
     step = 1
     levels, index = np.unique(colors, axis=0, return_inverse=True)
     while len(levels) > _PALETTE:
@@ -123,23 +134,9 @@ def _build_color_swatches(parts: Sequence[MeshPart]) -> tuple[Image, Ints]:
     return swatches.reshape(rows, 16, 3).repeat(_SWATCH, axis=0).repeat(_SWATCH, axis=1), index.ravel()
 
 
-def _palette_swatch_uvs(index: Ints, palette: Image) -> Floats:
-    """Texture coordinates (F, 3, 2) in the palette of faces whose swatches have these numbers."""
-    height, width = palette.shape[:2]
-    u = (index % 16 + 0.5) * _SWATCH / width
-    v = 1 - (index // 16 + 0.5) * _SWATCH / height
-    return np.repeat(np.stack([u, v], axis=1)[:, None], 3, axis=1)
-
-
-def _move_uvs_to_unit_square(uvs: Floats) -> Floats:
-    """Texture coordinates of each face moved by whole numbers into 0..1; a face that spans more is clipped."""
-    middle = uvs.mean(axis=1, keepdims=True)
-    outside = (uvs.min(axis=1) < -1e-6).any(axis=1) | (uvs.max(axis=1) > 1 + 1e-6).any(axis=1)
-    return np.clip(np.where(outside[:, None, None], uvs - np.floor(middle), uvs), 0, 1)
-
-
 def _arrange_images_in_grid(pictures: Sequence[Image], edge: int) -> tuple[Image, list[Floats]]:
-    """One picture of several in a grid, and where each lies: (u, v, width, height), origin at the lower left."""
+    """Arrange pictures in a grid. Returns: sheet (H, W, 3), boxes (u, v, width, height) with the origin at the lower
+    left."""
     if len(pictures) == 1:
         return shrink_image(pictures[0], edge), [np.array([0.0, 0.0, 1.0, 1.0])]
     columns = int(np.ceil(np.sqrt(len(pictures))))

@@ -8,11 +8,11 @@ import numpy as np
 from grs_agents.library.importing.types import Floats, Image, Ints, MeshPart, RefusedError
 
 GREY: Final = (180, 180, 180)
-"""Of what has no colour of its own."""
+"""Of surfaces without a colour."""
 
 
 def read_texture_image(source: Any, pixels: int) -> Image:
-    """A picture as (H, W, 3) uint8 RGB, what is transparent over white.
+    """A picture as (H, W, 3) uint8 RGB, transparency over white.
 
     Args:
         source: a path, an opened file or an opened Pillow image.
@@ -30,7 +30,7 @@ def read_texture_image(source: Any, pixels: int) -> Image:
             white: Any = Pictures.new("RGBA", opened.size, (255, 255, 255, 255))
             white.alpha_composite(opened.convert("RGBA"))
             opened = white
-        elif opened.mode in ("I", "I;16", "I;16B"):  # Pillow would cut off what is above 255
+        elif opened.mode in ("I", "I;16", "I;16B"):  # Pillow would clamp values above 255
             return np.repeat((np.asarray(opened, np.int64) >> 8).clip(0, 255).astype(np.uint8)[:, :, None], 3, axis=2)
         return np.asarray(opened.convert("RGB"), np.uint8)
     except (OSError, ValueError, SyntaxError, Pictures.DecompressionBombError) as error:
@@ -38,7 +38,7 @@ def read_texture_image(source: Any, pixels: int) -> Image:
 
 
 def read_picture_or_note(source: Any, pixels: int, notes: list[str]) -> Image | None:
-    """`read_texture_image`; None and a note where it cannot be read."""
+    """`read_texture_image`; None and a note if it cannot be read."""
     try:
         return read_texture_image(source, pixels)
     except RefusedError as error:
@@ -47,7 +47,7 @@ def read_picture_or_note(source: Any, pixels: int, notes: list[str]) -> Image | 
 
 
 def color_to_uint8(rgb: Any) -> Image:
-    """A colour as (3,) uint8: numbers up to 1 are shares, larger ones are of 255."""
+    """A colour as (3,) uint8: numbers up to 1 are shares, larger numbers are of 255."""
     values = np.nan_to_num(np.asarray(rgb, np.float64))
     scale = 255.0 if np.issubdtype(np.asarray(rgb).dtype, np.floating) and values.max(initial=0) <= 1 else 1.0
     return np.clip(np.rint(values * scale), 0, 255).astype(np.uint8)
@@ -62,8 +62,8 @@ def build_mesh_part(
     name: str,
     notes: list[str],
 ) -> MeshPart:
-    """A part of the mesh ``name``, grey where it has neither picture nor colours; a picture is its mean colour where
-    there are no texture coordinates, and noted."""
+    """A part of the mesh ``name``, grey without picture and colours; without texture coordinates a picture is replaced
+    by its mean colour, with a note."""
     if image is not None and uvs is None:
         mean = image.reshape(-1, 3).mean(axis=0).round().astype(np.uint8)
         colors, image = np.tile(mean, (len(faces), 1)), None

@@ -16,7 +16,16 @@ from grs_agents.base.errors import InputError
 from grs_agents.base.foreign.bounded_streams import check_zip_compression, open_zip
 from grs_agents.library.formats.model_file import check_xml_safety
 from grs_agents.library.importing.textures import build_mesh_part, read_picture_or_note
-from grs_agents.library.importing.types import Floats, Image, ImportLimits, Ints, MeshPart, RefusedError
+from grs_agents.library.importing.types import (
+    MIN_UNPACKED_BYTES,
+    ZIP_ENTRY_BYTES,
+    Floats,
+    Image,
+    ImportLimits,
+    Ints,
+    MeshPart,
+    RefusedError,
+)
 
 _METRES: Final = {"micron": 1e-6, "millimeter": 1e-3, "centimeter": 1e-2, "inch": 0.0254, "foot": 0.3048, "meter": 1.0}
 _MAIN: Final = "3D/3dmodel.model"
@@ -24,10 +33,6 @@ _MODEL_TYPE: Final = "/3dmodel"
 _DEPTH: Final = 16
 """Levels of components in components."""
 _MEMBERS: Final = 10_000
-_MOST_DIRECTORY: Final = 250 * _MEMBERS
-"""Bytes of the table of members: 46 for each, and its name."""
-_ROOM: Final = 50_000_000
-"""Bytes that any file may unpack to, however small it is."""
 _COPIES: Final = 10_000
 _SUPPORTS: Final = ("support", "solidsupport", "other")
 _Key = tuple[str, str]
@@ -47,7 +52,7 @@ class _Object:
 
 @dataclass
 class _Package:
-    """What the files of a package say."""
+    """Contents of the files of a package."""
 
     objects: dict[_Key, _Object] = field(default_factory=dict[_Key, _Object])
     colors: dict[_Key, list[Image]] = field(default_factory=dict[_Key, list[Image]])
@@ -64,15 +69,18 @@ def read_3mf(path: Path, limits: ImportLimits, notes: list[str]) -> list[MeshPar
     Raises RefusedError: it is no sound 3MF file, or larger than the limits."""
     package = _Package()
     try:
-        with path.open("rb") as file, open_zip(file, path.name, _MOST_DIRECTORY) as zipped:
+        with path.open("rb") as file, open_zip(file, path.name, _MEMBERS * ZIP_ENTRY_BYTES) as zipped:
             members = _Members(zipped, path, limits)
-            todo, done = [_find_main_file(members)], set[str]()
+            rels = "_rels/.rels"
+            relations = _parse_xml(members.read(rels), rels).iter() if rels in members else ()
+            main = (item.get("Target", "") for item in relations if item.get("Type", "").endswith(_MODEL_TYPE))
+            todo, done = [next(main, _MAIN).lstrip("/")], set[str]()
             while todo:
                 name = todo.pop()
                 if name not in done:
                     done.add(name)
                     _read_model_file(members.read(name), name, package, path.name)
-                    todo += [key[0] for thing in package.objects.values() for key, _ in thing.copies]
+                    todo += [key[0] for shape in package.objects.values() for key, _ in shape.copies]
                     todo += [key[0] for key, _ in package.items]
             images: dict[_Key, Image | None] = {}
             for key, name in package.textures.items():
@@ -94,7 +102,7 @@ class _Members:
 
     def __init__(self, zipped: zipfile.ZipFile, path: Path, limits: ImportLimits) -> None:
         self._zipped, self._name = zipped, path.name
-        self._left = min(limits.bytes, max(_ROOM, int(limits.ratio * path.stat().st_size)))
+        self._left = min(limits.bytes, max(MIN_UNPACKED_BYTES, int(limits.ratio * path.stat().st_size)))
         self._infos = {info.filename.lstrip("/").casefold(): info for info in zipped.infolist()[:_MEMBERS]}
 
     def __contains__(self, file: str) -> bool:
@@ -114,14 +122,6 @@ class _Members:
         return data
 
 
-def _find_main_file(members: _Members) -> str:
-    if "_rels/.rels" in members:
-        for relation in _parse_xml(members.read("_rels/.rels"), "_rels/.rels").iter():
-            if relation.get("Type", "").endswith(_MODEL_TYPE):
-                return relation.get("Target", "").lstrip("/")
-    return _MAIN
-
-
 def _parse_xml(data: bytes, name: str) -> Element:
     check_xml_safety(data, lambda message, remedy: RefusedError(f"{name}: {message}", remedy))
     root = ElementTree.fromstring(data)
@@ -139,7 +139,10 @@ def _read_model_file(data: bytes, file: str, package: _Package, name: str) -> No
     for group in root.findall("resources/*"):
         key = (file, group.get("id", ""))
         if group.tag in ("basematerials", "colorgroup"):
-            package.colors[key] = [_parse_color(row.get("displaycolor", row.get("color", ""))) for row in group]
+            texts = [row.get("displaycolor", row.get("color", "")) for row in group]  # #RRGGBB or #RRGGBBAA
+            package.colors[key] = [
+                np.array([int(text[start : start + 2], 16) for start in (1, 3, 5)], np.uint8) for text in texts
+            ]
         elif group.tag == "texture2dgroup":
             rows = [(float(row.get("u", "0")), float(row.get("v", "0"))) for row in group]
             package.coordinates[key] = (group.get("texid", ""), rows)
@@ -181,11 +184,6 @@ def _read_copy(element: Element, file: str) -> tuple[_Key, Floats]:
     return (home, element.get("objectid", "")), np.array(numbers, np.float64).reshape(4, 3)
 
 
-def _parse_color(text: str) -> Image:
-    """(3,) of ``#RRGGBB`` or ``#RRGGBBAA``."""
-    return np.array([int(text[start : start + 2], 16) for start in (1, 3, 5)], np.uint8)
-
-
 def _build_parts(
     package: _Package, images: dict[_Key, Image | None], limits: ImportLimits, name: str, notes: list[str]
 ) -> list[MeshPart]:
@@ -197,30 +195,30 @@ def _build_parts(
     while todo:
         key, transform, depth = todo.pop()
         copies += 1
-        thing = package.objects.get(key)
-        if thing is None:
+        solid = package.objects.get(key)
+        if solid is None:
             continue
-        count += len(thing.faces)
+        count += len(solid.faces)
         if count > limits.faces or copies > _COPIES or depth > _DEPTH:
             message = f"{name} has more than {limits.faces} faces, {_COPIES} copies or {_DEPTH} levels of components"
             raise RefusedError(message, "simplify it")
         column = np.eye(4)[:, 3:]
         matrix = np.hstack([transform, column])
-        todo += [(inner, (np.hstack([placed, column]) @ matrix)[:, :3], depth + 1) for inner, placed in thing.copies]
-        if len(thing.faces):
-            if thing.faces.min() < 0 or thing.faces.max() >= len(thing.vertices):
-                message = f"{name}: a face names vertex {thing.faces.max()} of {len(thing.vertices)}"
+        todo += [(inner, (np.hstack([placed, column]) @ matrix)[:, :3], depth + 1) for inner, placed in solid.copies]
+        if len(solid.faces):
+            if solid.faces.min() < 0 or solid.faces.max() >= len(solid.vertices):
+                message = f"{name}: a face names vertex {solid.faces.max()} of {len(solid.vertices)}"
                 raise RefusedError(message, "export it again")
-            vertices = (thing.vertices @ transform[:3] + transform[3]) * package.scale
+            vertices = (solid.vertices @ transform[:3] + transform[3]) * package.scale
             if not np.isfinite(vertices).all():
                 raise RefusedError(f"{name} has vertices that are not finite numbers", "export it again")
             turn = slice(None, None, -1) if np.linalg.det(transform[:3]) < 0 else slice(None)  # a mirror's outside
-            groups = np.array(thing.groups)
-            for group in sorted(set(thing.groups)):
+            groups = np.array(solid.groups)
+            for group in sorted(set(solid.groups)):
                 chosen = groups == group
-                rows = thing.properties[chosen][:, turn]
+                rows = solid.properties[chosen][:, turn]
                 uvs, image, colors = _look_up_group(package, images, (key[0], group), rows)
-                parts.append(build_mesh_part(vertices, thing.faces[chosen][:, turn], uvs, image, colors, name, notes))
+                parts.append(build_mesh_part(vertices, solid.faces[chosen][:, turn], uvs, image, colors, name, notes))
     return parts
 
 

@@ -1,4 +1,4 @@
-"""What the importer is told, what it finds and what it says."""
+"""Options, intermediate models and outcomes of the importer."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,50 +27,54 @@ UP_TO_Z: dict[Up, Floats] = {
     "z": np.eye(3),
 }
 """The rotation that takes an axis to z."""
+MIN_UNPACKED_BYTES = 50_000_000
+"""Bytes that any archive may unpack to, even a small archive."""
+ZIP_ENTRY_BYTES = 250
+"""Bytes allowed for a member in a zip file's directory: 46 and its name."""
 
 
 class RefusedError(InputError):
-    """An asset that is not imported, raised by all that reads or mends one; names the file and the reason."""
+    """An asset is not imported, since reading or repairing it failed; names the file and the reason."""
 
 
 class ImportLimits(Frozen):
-    """What a single asset may cost."""
+    """Limits on the cost of a single asset."""
 
-    bytes: int = Field(default=256_000_000, gt=0)  # of one mesh file
-    faces: int = Field(default=2_000_000, gt=0)  # of one asset
-    pixels: int = Field(default=64_000_000, gt=0)  # of one texture
-    seconds: int = Field(default=300, gt=0)  # of processor time for one asset
-    memory: int = Field(default=8_000_000_000, gt=0)  # bytes of address space for one asset
+    bytes: int = Field(default=256_000_000, gt=0)  # of a mesh file
+    faces: int = Field(default=2_000_000, gt=0)  # of an asset
+    pixels: int = Field(default=64_000_000, gt=0)  # of a texture
+    seconds: int = Field(default=300, gt=0)  # of processor time for an asset
+    memory: int = Field(default=8_000_000_000, gt=0)  # bytes of address space for an asset
     unpacked: int = Field(default=2_000_000_000, gt=0)  # bytes that an archive may unpack to
-    ratio: float = Field(default=100.0, gt=0)  # how many times its own size an archive may unpack to
+    ratio: float = Field(default=100.0, gt=0)  # largest ratio of an archive's unpacked size to its size
 
 
 class ImportOptions(Frozen):
-    """How to read a source."""
+    """Options for reading a source."""
 
-    unit: Unit = "auto"  # of mesh files that do not say theirs; ``auto`` guesses from the size
-    up: Up = "auto"  # axis that points up in mesh files that do not say; ``auto`` takes what the format usually has
-    license: str = Field(default="unknown", max_length=500)  # of the source, where it says nothing itself
-    faces: int = Field(default=12_000, ge=100)  # most triangles of what is seen
+    unit: Unit = "auto"  # of mesh files without a unit; ``auto`` guesses from the size
+    up: Up = "auto"  # up axis of mesh files that do not say; ``auto`` takes the format's usual axis
+    license: str = Field(default="unknown", max_length=500)  # of the source, unless it states its own
+    faces: int = Field(default=12_000, ge=100)  # most triangles of the visual mesh
     texture: int = Field(default=1024, ge=16, le=8192)  # longest side of a texture, px
-    parts: int = Field(default=16, ge=1, le=64)  # most convex parts of what collides
-    limits: ImportLimits = ImportLimits()  # what one asset may cost
+    parts: int = Field(default=16, ge=1, le=64)  # most convex parts of the colliders
+    limits: ImportLimits = ImportLimits()  # on the cost of each asset
 
 
 class SourceItem(Frozen):
-    """One asset of a source."""
+    """An asset of a source."""
 
-    kind: Kind  # how it is read
+    kind: Kind  # kind of reader
     name: str  # slug that it gets in its collection
-    title: str = ""  # what its source calls it, in any script; ``name`` where it is empty
-    file: str  # what is read, relative to the source folder
+    title: str = ""  # the source's name, in any script; ``name`` if empty
+    file: str  # the file to read, relative to the source folder
     files: tuple[str, ...] = ()  # all that it is made of, relative to the source folder, ``file`` first
     texture: str | None = None  # picture that the file itself does not name
-    license: str | None = None  # what the source says of it
+    license: str | None = None  # as the source states it
 
 
 class ImportJob(Frozen):
-    """One item to import."""
+    """An item to import."""
 
     source: Path  # folder of the source
     item: SourceItem
@@ -83,21 +87,21 @@ class ImportJob(Frozen):
 
 
 class ImportOutcome(Frozen):
-    """What became of one item; a line of the journal."""
+    """Outcome of an item; a line of the journal."""
 
     item: str  # its name
     source: str  # its file in the source
-    status: Literal["imported", "duplicate", "refused", "unread"]  # ``unread`` is what no reader is for
-    reason: str = ""  # why it was refused or is not read, or what it is a copy of
-    notes: tuple[str, ...] = ()  # what was guessed, found and mended
-    key: str = ""  # what it was made from: content of the files and options
+    status: Literal["imported", "duplicate", "refused", "unread"]  # ``unread``: without a reader
+    reason: str = ""  # of a refusal, or the name of the original of a duplicate
+    notes: tuple[str, ...] = ()  # guesses, findings and repairs
+    key: str = ""  # hash of the inputs: content of the files and options
     asset: Asset | None = None  # its entry in the manifest
-    seconds: float = 0.0  # that it took
+    seconds: float = 0.0  # wall time of the import
 
 
 @dataclass(frozen=True)
 class MeshPart:
-    """Triangles of one look, as a file gives them."""
+    """Triangles of a single material, as a file gives them."""
 
     vertices: Floats  # (N, 3)
     faces: Ints  # (F, 3)
@@ -119,24 +123,24 @@ Collider = Shape | ConvexHull
 
 @dataclass
 class SourceModel:
-    """One asset as its source describes it."""
+    """An asset as its source describes it."""
 
-    parts: list[MeshPart]  # what is seen
-    colliders: list[Collider] | None = None  # in the frame of the parts; None where the source says nothing
-    unit: Unit = "auto"  # ``unit`` and ``up`` as far as the format says
+    parts: list[MeshPart]  # visual geometry
+    colliders: list[Collider] | None = None  # in the frame of the parts; None if the source has none
+    unit: Unit = "auto"  # ``unit`` and ``up`` if the format states them
     up: Up = "auto"
-    mass: Quantity | None = None  # where the source says
-    friction: Quantity | None = None  # where the source says
-    height: float | None = None  # what it should be high, m, where that is known
-    category: str = ""  # where the source says
-    notes: list[str] = field(default_factory=list[str])  # what was found
+    mass: Quantity | None = None  # if the source states it
+    friction: Quantity | None = None  # if the source states it
+    height: float | None = None  # expected height, m, if known
+    category: str = ""  # if the source states it
+    notes: list[str] = field(default_factory=list[str])  # findings
 
 
 @dataclass(frozen=True)
-class TexturedMesh:
-    """One closed or open mesh with one picture."""
+class AtlasMesh:
+    """A closed or open mesh with a single texture."""
 
-    vertices: Floats  # (N, 3) m, welded: corners at one place are one vertex
+    vertices: Floats  # (N, 3) m, welded: coincident corners share a vertex
     faces: Ints  # (F, 3), counter-clockwise from outside
     uvs: Floats  # (F, 3, 2) in 0..1
     image: Image  # (H, W, 3) uint8 RGB

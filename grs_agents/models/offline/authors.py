@@ -1,23 +1,27 @@
-"""The roles that invent: the task author and the simulation author."""
+"""The authors of tasks and simulation programs, and their fixers."""
 
 import json
-from collections.abc import Iterator, Sequence, Set
-from dataclasses import replace
+import math
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import chain, combinations, islice, product
 
 import numpy as np
 
-from grs_agents.models.offline.object_selection import (
-    MAX_OBJECTS,
-    count_called,
-    find_plan_for_family,
-    is_clear_of_others,
-    rank_movable_objects,
-    relocate_unreachable_objects,
+from grs_agents.models.offline import program_edits
+from grs_agents.models.offline.plan import (
+    Family,
+    PlacementPlan,
+    Table,
+    is_hard_to_topple,
+    is_pickable_object,
+    is_reachable_object,
+    select_objects_without_overlap,
 )
-from grs_agents.models.offline.plan import Family, Plan, is_reachable_object
 from grs_agents.models.offline.program_writer import class_name_for_task, write_program
-from grs_agents.models.offline.prompt_text import Json, PromptText, SceneObject, parse_scene_objects
+from grs_agents.models.offline.prompt_text import CUP_ROOM, Json, PromptObject, PromptText, parse_scene_objects
 from grs_agents.models.offline.report_evidence import parse_report_evidence
 from grs_agents.models.offline.task_families import FAMILIES, PALETTE, TaskRequest
 from grs_agents.models.offline.task_reading import Clause, UnplannableTaskError, parse_clauses
@@ -27,6 +31,32 @@ from grs_agents.models.offline.task_wording import (
     task_description,
     task_name,
 )
+
+MAX_OBJECTS = 6
+"""Most objects of a task."""
+_OBJECT_COUNTS: dict[Family, tuple[int, int]] = {
+    "pack": (3, MAX_OBJECTS),
+    "stack": (2, 3),
+    "sort": (3, MAX_OBJECTS),
+    "line": (3, 5),
+    "clear": (2, 4),
+    "match": (2, 4),
+    "place": (2, 4),
+}
+"""Least and most objects of a family; fewer if the scene has fewer."""
+_GAPS = (CUP_ROOM, 0.012, 0.004)
+"""Free space around an object (m), the most first; with the least of it nothing touches."""
+_LEVEL = 0.003
+"""Difference in height (m) below which undersides are level: coordinates are rounded, and resting objects sink in a
+little."""
+_DRAWN_FAMILIES: tuple[Family, ...] = tuple(family for family in FAMILIES if family != "exchange")
+"""Families of its own tasks; an exchange asks too little of most scenes."""
+_TIGHT = 0.5
+"""Factor on the free space in zones on a crowded table, which leaves 1 cm on each side."""
+_MOST_READINGS = 50
+"""Most selections among objects with equal labels that are tried."""
+_TABLEWARE = ("mug", "cup", "plate", "bowl")
+"""Categories of hollow objects that are too small as containers."""
 
 
 def author_task(prompt: PromptText, rng: np.random.Generator) -> str:
@@ -39,16 +69,17 @@ def _format_task(task: Json) -> str:
     return f"```json\n{json.dumps(task, indent=2, ensure_ascii=False)}\n```"
 
 
-_DRAWN_FAMILIES: tuple[Family, ...] = tuple(family for family in FAMILIES if family != "exchange")
-"""Those that its own tasks are of: to change places asks too little of most scenes."""
-
-
-def draw_random_task(objects: Sequence[SceneObject], rng: np.random.Generator) -> Json | None:
-    """A task of a family drawn from those that suit the scene and that its words tell again; None if there is none."""
+def draw_random_task(objects: Sequence[PromptObject], rng: np.random.Generator) -> Json | None:
+    """Draw a task of a family that suits the scene, whose words parse back to the same plan; None if there is none."""
     families: list[Family] = [_DRAWN_FAMILIES[int(index)] for index in rng.permutation(len(_DRAWN_FAMILIES))]
     color = PALETTE[int(rng.integers(len(PALETTE)))]
     taken = tuple(obj.footprint_rect for obj in objects)
-    request = TaskRequest(color, _find_usable_containers(objects), taken=taken)
+    ready = [obj for obj in objects if obj.hollow and abs(obj.low) < 0.025 and is_reachable_object(obj)]
+    request = TaskRequest(
+        color,
+        tuple(obj for obj in ready if obj.category not in _TABLEWARE and is_clear_of_others(obj, objects, 0.0)),
+        taken=taken,
+    )
     called = count_called(objects)
     tries = ((2, called, 1.0), (2, called, _TIGHT), (2, None, 1.0), (1, called, 1.0), (1, None, 1.0))
     for least, names, margin in tries:
@@ -61,14 +92,14 @@ def draw_random_task(objects: Sequence[SceneObject], rng: np.random.Generator) -
     return None
 
 
-def convert_plan_to_task_json(plan: Plan) -> Json:
+def convert_plan_to_task_json(plan: PlacementPlan) -> Json:
     """The three fields of a task that asks for ``plan``."""
     name, description = task_name(plan), task_description(plan)
     return {"task-name": name, "task-description": description, "assets-used": list(plan.asset_names)}
 
 
-def is_plannable(task: Json, objects: Sequence[SceneObject]) -> bool:
-    """Whether the words of ``task``, which tell one plan, can be followed with these objects and mean that plan."""
+def is_plannable(task: Json, objects: Sequence[PromptObject]) -> bool:
+    """Whether the words of ``task`` can be planned with these objects, and give back the same words."""
     try:
         plans = make_plans_for_task(task, objects)
     except UnplannableTaskError:
@@ -85,24 +116,19 @@ def revise_task(prompt: PromptText) -> str:
         clauses = parse_clauses(task, _select_objects_by_asset(objects, task.get("assets-used", [])))
     except UnplannableTaskError as error:
         return f"I cannot revise this task: {error}."
-    for plan, given_up in _iterate_revised_plans(clauses, hindering, objects):
-        revised = convert_plan_to_task_json(plan)
-        if revised["assets-used"] != task["assets-used"] and is_plannable(revised, objects):
-            return _format_task({**revised, "given-up": f"{given_up}: the task could not be done as it was."})
-    return "I cannot revise this task: no family does it with fewer objects."
-
-
-def _iterate_revised_plans(
-    clauses: Sequence[Clause], hindering: Set[str], objects: Sequence[SceneObject]
-) -> Iterator[tuple[Plan, str]]:
-    """Plans of the family of the first clause: for all objects, then without one, the ``hindering`` first."""
+    # For all objects, then for all but a single object, the hindering objects first
     moved, taken = [obj for clause in clauses for obj in clause.moved], [obj.footprint_rect for obj in objects]
     for left_out in [None, *sorted(moved, key=lambda obj: obj.asset not in hindering)]:
         rest = relocate_unreachable_objects([obj for obj in moved if obj is not left_out], objects)
         request = parse_task_request(clauses[0].text, taken=taken)
         plan = FAMILIES[clauses[0].family](rest, request) if len(rest) > 1 else None
-        if plan is not None:
-            yield plan, f"The {left_out.label} stays" if left_out else "Another target takes the place of the old one"
+        if plan is None:
+            continue
+        revised = convert_plan_to_task_json(plan)
+        given_up = f"The {left_out.label} stays" if left_out else "Another target takes the place of the old one"
+        if revised["assets-used"] != task["assets-used"] and is_plannable(revised, objects):
+            return _format_task({**revised, "given-up": f"{given_up}: the task could not be done as it was."})
+    return "I cannot revise this task: no family does it with fewer objects."
 
 
 def author_simulation(prompt: PromptText) -> str:
@@ -116,16 +142,69 @@ def author_simulation(prompt: PromptText) -> str:
     return f"```python\n{write_program(plans, class_name_for_task(name), description)}```"
 
 
-def make_plans_for_task(task: Json, objects: Sequence[SceneObject], margin: float = 1.0) -> list[Plan]:
-    """Plans for a task that anyone may have written, one for each of its clauses, which use just the task's assets.
+@dataclass(frozen=True)
+class PlanningVariant:
+    """Options of a plan."""
+
+    spots: bool = False  # give each object a spot of its own
+    margin: float = 1.0  # factor on the free space around objects
+    still: bool = False  # lay targets out where the plan has them, for every seed
+
+
+_VARIANTS = (
+    PlanningVariant(),
+    PlanningVariant(spots=True),
+    PlanningVariant(still=True),
+    PlanningVariant(margin=1.5),
+    PlanningVariant(spots=True, margin=1.5, still=True),
+)
+
+
+def fix_code(prompt: PromptText) -> str:
+    """Reply to the ``fix_code`` prompt: a new program for the task, or a sentence that explains why there is none.
+
+    If the program equals the author's own, the next variant takes its place.
+    """
+    try:
+        return f"```python\n{_write_next_program_variant(prompt, prompt.section_body('program').strip())}\n```"
+    except UnplannableTaskError as error:
+        return f"I cannot mend this program: {error}."
+
+
+def _write_next_program_variant(prompt: PromptText, source: str) -> str:
+    """The first way to write the task, or that which follows on ``source``."""
+    task, objects = prompt.section_json("task"), parse_scene_objects(prompt.section_json("scene"))
+    imported = re.search(r"^from task_code import (\w+)", prompt.section_body("tests"), re.MULTILINE)
+    title = imported[1] if imported else program_edits.find_task_class_name(source)
+    texts: list[str] = []
+    for variant in _VARIANTS:
+        try:
+            plans = make_plans_for_task(task, objects, variant.margin)
+        except UnplannableTaskError:
+            if variant == PlanningVariant():
+                raise
+            continue
+        if variant.still:
+            plans = [
+                replace(plan, targets=tuple(replace(target, moves=False) for target in plan.targets)) for plan in plans
+            ]
+        text = write_program(plans, title, str(task.get("task-description", "")), variant.spots).strip()
+        if text not in texts:
+            texts.append(text)
+    tried = texts.index(source) if source in texts else -1
+    return texts[(tried + 1) % len(texts)]
+
+
+def make_plans_for_task(task: Json, objects: Sequence[PromptObject], margin: float = 1.0) -> list[PlacementPlan]:
+    """Plan a task of any author: a plan for each clause, which together use exactly the task's assets.
 
     Args:
         task: its three fields.
-        objects: what is in the scene.
+        objects: the objects of the scene.
         margin: a factor on the free space in zones.
 
     Raises:
-        UnplannableTaskError: the words ask for what no family does, or no family can do it with these objects.
+        UnplannableTaskError: no family covers the words, or suits these objects.
     """
     assets = [str(asset) for asset in task.get("assets-used", [])]
     clauses = parse_clauses(task, _select_objects_by_asset(objects, assets))
@@ -142,21 +221,20 @@ def make_plans_for_task(task: Json, objects: Sequence[SceneObject], margin: floa
     raise UnplannableTaskError(f"these objects do not suit a task of the family {families}{unlike}")
 
 
-_TIGHT = 0.5
-"""The share of the free space in zones that is left on a table too full for all of it: 1 cm on each side."""
-_MOST_READINGS = 50
-"""How many ways of choosing among objects that are called alike are tried."""
-
-
 def _make_plan_per_clause(
-    clauses: Sequence[Clause], chosen: Sequence[Sequence[SceneObject]], scene: Sequence[SceneObject], margin: float
-) -> list[Plan]:
-    """A plan for each clause with the objects chosen for it, each on what all others leave free; none if one fails."""
+    clauses: Sequence[Clause], chosen: Sequence[Sequence[PromptObject]], scene: Sequence[PromptObject], margin: float
+) -> list[PlacementPlan]:
+    """A plan for each clause with its chosen objects, each in the space that the others leave free; none if a clause
+    fails."""
     supports = [clause.support for clause in clauses if clause.support]
-    ready = _relocate_objects_for_picking(list(chain.from_iterable(chosen)), supports, scene)
+    picked = list(chain.from_iterable(chosen))
+    ready = {obj.name: obj for obj in relocate_unreachable_objects(picked, scene)}
+    usable = all(is_reachable_object(obj) and obj.name not in ready for obj in supports)
+    if not ready or not usable or not len(ready) == len(picked) <= MAX_OBJECTS:
+        return []
     taken = [obj.footprint_rect for obj in (*ready.values(), *scene)]
-    plans: list[Plan] = []
-    for clause, objects in zip(clauses, chosen, strict=True) if ready else ():
+    plans: list[PlacementPlan] = []
+    for clause, objects in zip(clauses, chosen, strict=True):
         request = parse_task_request(clause.text, clause.support, margin, taken)
         plan = FAMILIES[clause.family]([ready[obj.name] for obj in objects], request)
         if plan is None:
@@ -167,23 +245,14 @@ def _make_plan_per_clause(
     return plans if len({*places}) == len(places) else []
 
 
-def _relocate_objects_for_picking(
-    objects: Sequence[SceneObject], supports: Sequence[SceneObject], scene: Sequence[SceneObject]
-) -> dict[str, SceneObject]:
-    """The objects by their names, each where the arm can pick it; none of them if that, or a support, cannot be."""
-    ready = {obj.name: obj for obj in relocate_unreachable_objects(objects, scene)}
-    usable = all(is_reachable_object(obj) and obj.name not in ready for obj in supports)
-    return ready if usable and len(ready) == len(objects) <= MAX_OBJECTS else {}
-
-
-def _select_objects_by_asset(objects: Sequence[SceneObject], assets: Sequence[str]) -> list[SceneObject]:
-    """The objects that stand for ``assets``, in their order."""
+def _select_objects_by_asset(objects: Sequence[PromptObject], assets: Sequence[str]) -> list[PromptObject]:
+    """The objects of ``assets``, in their order."""
     return sorted((obj for obj in objects if obj.asset in assets), key=lambda obj: assets.index(obj.asset))
 
 
-def _candidate_object_sets(objects: Sequence[SceneObject], text: str) -> Iterator[list[SceneObject]]:
-    """What ``text`` may mean: of the objects that are called alike, any so many as it counts."""
-    alike: dict[str, list[SceneObject]] = {}
+def _candidate_object_sets(objects: Sequence[PromptObject], text: str) -> Iterator[list[PromptObject]]:
+    """Sets of objects that ``text`` may mean: of objects with equal labels, as many as it counts."""
+    alike: dict[str, list[PromptObject]] = {}
     for obj in objects:
         alike.setdefault(obj.label, []).append(obj)
     choices = [combinations(group, min(len(group), count_mentions(label, text))) for label, group in alike.items()]
@@ -192,11 +261,136 @@ def _candidate_object_sets(objects: Sequence[SceneObject], text: str) -> Iterato
         yield [obj for obj in objects if obj.name in kept]
 
 
-def _find_usable_containers(objects: Sequence[SceneObject]) -> tuple[SceneObject, ...]:
-    """Containers on the table, in reach, with nothing in them or against them."""
-    ready = [obj for obj in objects if obj.hollow and abs(obj.low) < 0.025 and is_reachable_object(obj)]
-    return tuple(obj for obj in ready if obj.category not in _TABLEWARE and is_clear_of_others(obj, objects, 0.0))
+def rank_movable_objects(objects: Sequence[PromptObject]) -> list[list[PromptObject]]:
+    """Sets of objects that a task can move, those with the most free space around them first.
+
+    Sets of objects with unique labels come first, since words cannot tell equal labels apart. Supports of other objects
+    are left out. If fewer than two objects can be picked at their places, those that are the easiest to pick are moved
+    to a free part of the table; unique labels come first.
+    """
+    called = count_called(objects)
+    loose = [obj for obj in objects if is_uncovered_object(obj, objects)]
+    usable = [obj for obj in filter(is_pickable_object, loose) if is_reachable_object(obj)]
+    sure = [obj for obj in usable if is_hard_to_topple(obj) and obj.is_flat_topped]
+    ranked = [
+        [obj for obj in group if is_clear_of_others(obj, objects, gap)] for group in (sure, usable) for gap in _GAPS
+    ]
+    if len(usable) < 2:
+        rest = [obj for obj in loose if obj not in usable]
+        rest.sort(
+            key=lambda obj: (
+                called[obj.label] > 1,
+                not is_pickable_object(obj),
+                not obj.reachable,
+                not is_hard_to_topple(obj),
+                max(obj.size[:2]) + 0.5 * obj.size[2],
+            )
+        )
+        ranked = [relocate_unreachable_objects([*usable, *rest][:2], objects)]
+    ranked.append(usable)
+    return [*([obj for obj in group if called[obj.label] == 1] for group in ranked), *ranked]
 
 
-_TABLEWARE = ("mug", "cup", "plate", "bowl")
-"""Hollow things that are too small to be packed."""
+def count_called(objects: Sequence[PromptObject]) -> Counter[str]:
+    """How many of the objects each name fits: "the brown box" fits the tallest brown box too."""
+    return Counter(name for obj in objects for name in {obj.label, obj.kind})
+
+
+def is_uncovered_object(obj: PromptObject, objects: Sequence[PromptObject]) -> bool:
+    """Whether nothing rests on it, according to the boxes of ``objects``."""
+    return not any(
+        neighbor is not obj
+        and neighbor.low > obj.low + _LEVEL
+        and obj.footprint_rect.overlaps(neighbor.footprint_rect, -0.01)
+        for neighbor in objects
+    )
+
+
+def is_clear_of_others(obj: PromptObject, objects: Sequence[PromptObject], gap: float) -> bool:
+    """Whether none of ``objects`` comes closer to it than ``gap`` (m), seen from above."""
+    return not any(
+        neighbor is not obj and obj.footprint_rect.overlaps(neighbor.footprint_rect, gap) for neighbor in objects
+    )
+
+
+def relocate_unreachable_objects(objects: Sequence[PromptObject], scene: Sequence[PromptObject]) -> list[PromptObject]:
+    """Move objects that are held or out of reach to a free part of the table; objects without a free place are left
+    out."""
+    table = Table([obj.footprint_rect for obj in scene])
+    placed: list[PromptObject] = []
+    for obj in objects:
+        if is_reachable_object(obj):
+            placed.append(obj)
+        elif spot := table.reserve_free_place(*obj.room[:2]):
+            placed.append(obj.relocate_to(*spot))
+    return placed
+
+
+def list_candidate_object_sets(
+    family: Family, objects: Sequence[PromptObject], rng: np.random.Generator
+) -> list[list[PromptObject]]:
+    """Selections of objects for a family, the most interesting first; each is worth a try."""
+    shuffled = [objects[int(index)] for index in rng.permutation(len(objects))]
+    if family in ("pack", "stack"):
+        shuffled = [obj for obj in shuffled if not obj.hollow]
+    least, most = _OBJECT_COUNTS[family]
+    if family == "stack":
+        chains = _find_stackable_chains(shuffled)
+        return [chains[int(index)][:count] for index in rng.permutation(len(chains)) for count in (most, least)]
+    if family == "clear":
+        clusters: list[list[PromptObject]] = []
+        for seed in shuffled:
+            pairs = [(math.dist(obj.position[:2], seed.position[:2]), obj) for obj in shuffled]
+            near = [obj for distance, obj in sorted(pairs, key=lambda pair: pair[0]) if distance < 0.28]
+            clusters.append(select_objects_without_overlap(near, most))
+        return [cluster for cluster in clusters if len(cluster) >= 2]
+    if family == "sort":
+        properties = ([obj.category for obj in shuffled], [obj.color for obj in shuffled])
+        groups = [
+            [obj for obj, value in zip(shuffled, values, strict=True) if value in [*dict.fromkeys(values)][:count]]
+            for values in properties
+            for count in (3, 2)
+        ]
+        return [select_objects_without_overlap(group, most) for group in groups]
+    free = select_objects_without_overlap(shuffled, int(rng.integers(least, most + 1)))
+    pairs = sorted(combinations(shuffled, 2), key=lambda pair: sum(obj.size[0] * obj.size[1] for obj in pair))
+    return [*(free[:size] for size in range(len(free), 1, -1)), *map(list, pairs), free[:1]]
+
+
+def find_plan_for_family(
+    family: Family,
+    objects: Sequence[PromptObject],
+    request: TaskRequest,
+    rng: np.random.Generator,
+    least: int = 2,
+    called: Mapping[str, int] | None = None,
+) -> PlacementPlan | None:
+    """The plan for the first set of ``objects`` that suits ``family`` and has at least ``least`` members.
+
+    ``called`` counts the objects of the scene by label: of equal labels, all are moved or none.
+    """
+    for chosen in list_candidate_object_sets(family, objects, rng):
+        labels = Counter(obj.label for obj in chosen)
+        counted = family in ("pack", "place", "clear")  # "the 2 gray cans", if there are no more
+        apart = called is None or all(
+            called[label] == count and (counted or count == 1) for label, count in labels.items()
+        )
+        plan = FAMILIES[family](chosen, request) if apart and len(chosen) >= least else None
+        if plan is not None:
+            return plan
+    return None
+
+
+def _find_stackable_chains(objects: Sequence[PromptObject]) -> list[list[PromptObject]]:
+    order = sorted(objects, key=lambda obj: -obj.size[0] * obj.size[1])
+    chains: list[list[PromptObject]] = []
+    for start in range(len(order)):
+        chain: list[PromptObject] = []
+        for obj in order[start:]:
+            fits = not chain or all(b >= a - 0.004 for a, b in zip(obj.size[:2], chain[-1].size[:2], strict=True))
+            low = obj.size[2] <= 2.0 * min(obj.size[:2])
+            if fits and low and len(select_objects_without_overlap([*chain, obj], len(chain) + 1)) > len(chain):
+                chain.append(obj)
+        if len(chain) >= 2 and all(obj.is_flat_topped for obj in chain[:-1]):
+            chains.append(chain)
+    return chains

@@ -16,8 +16,7 @@ from langchain_core.outputs import ChatGeneration, ChatResult
 from langchain_core.runnables import Runnable
 
 from grs_agents.base.errors import UnknownNameError
-from grs_agents.models.offline.authors import author_simulation, author_task, revise_task
-from grs_agents.models.offline.code_fixer import fix_code
+from grs_agents.models.offline.authors import author_simulation, author_task, fix_code, revise_task
 from grs_agents.models.offline.describer_and_matcher import (
     describe_asset,
     describe_segments,
@@ -30,8 +29,8 @@ from grs_agents.models.offline.prompt_text import PromptText, parse_prompt, pars
 from grs_agents.models.offline.router import decide_what_to_fix
 from grs_agents.models.offline.unittest_author import author_tests, fix_tests
 
-Answer = Callable[[PromptText, list[bytes], np.random.Generator], str]
-ROLES: Mapping[str, Answer] = {
+ReplyFunction = Callable[[PromptText, list[bytes], np.random.Generator], str]
+ROLES: Mapping[str, ReplyFunction] = {
     "describe": lambda prompt, pictures, rng: describe_segments(prompt, pictures),
     "describe_asset": lambda prompt, pictures, rng: describe_asset(prompt),
     "match": lambda prompt, pictures, rng: match_asset(prompt),
@@ -50,7 +49,7 @@ _AUTHORED: Mapping[str, Program] = {
     "fix_code": "simulation",
     "fix_tests": "tests",
 }
-"""What is authored in each role: who errs in a program errs in a new one, too."""
+"""The program that each role writes; fixes may contain mistakes, too."""
 _PYTHON = re.compile(r"```python\n(.*)```", re.DOTALL)
 _HELP = "I answer prompts that begin with a line `# Role: NAME`, NAME being one of: "
 
@@ -58,12 +57,12 @@ _HELP = "I answer prompts that begin with a line `# Role: NAME`, NAME being one 
 class OfflineChatModel(BaseChatModel):
     """A chat model that answers the GRS prompts by rules.
 
-    It reads the prompt that any other model gets, recognises its role by the ``# Role:`` line and never sees what
-    is not in the prompt. Equal prompt and seed give an equal reply.
+    It reads the prompt that any other model gets, and recognises its role by the ``# Role:`` line. Equal prompt and
+    seed give an equal reply.
     """
 
     model: str = "grs-offline-1"  # its name in traces
-    seed: int = 0  # what it does where rules leave a choice
+    seed: int = 0  # of its random choices
     faulty: float = 0.0  # how probable a mistake is in each program and each test script that it writes, fixes included
 
     @property
@@ -90,11 +89,17 @@ class OfflineChatModel(BaseChatModel):
         text = self._answer_last_prompt(messages)
         for word in stop or ():
             text = text.split(word)[0]
-        calls = _make_check_tool_call(messages, text, kwargs.get("tools", ()))
+        calls: list[ToolCall] = []
+        block = _PYTHON.fullmatch(text)
+        checked = any(isinstance(message, ToolMessage) for message in messages)
+        if block is not None and "check" in kwargs.get("tools", ()) and not checked:
+            calls = [ToolCall(name="check", args={"program": block[1]}, id=f"check-{len(messages)}", type="tool_call")]
+        read = sum(_estimate_token_count(str(message.text)) for message in messages)
+        replied = _estimate_token_count(text)
         message = AIMessage(
             "" if calls else text,
             tool_calls=calls,
-            usage_metadata=_estimate_token_usage(messages, text),
+            usage_metadata=UsageMetadata(input_tokens=read, output_tokens=replied, total_tokens=read + replied),
             response_metadata={
                 "model_name": self.model,
                 "model_provider": "grs",
@@ -110,44 +115,24 @@ class OfflineChatModel(BaseChatModel):
                 continue
             prompt = parse_prompt(str(message.text))
             if prompt is not None and prompt.role in ROLES:
-                rng = self._rng_for_text(_select_text_that_seeds_rng(prompt, str(message.text)))
+                seeding = str(message.text)
+                if prompt.role == "task":  # neither the prompt's words nor a millimetre change the choice
+                    objects = parse_scene_objects(prompt.section_json("scene"))
+                    seeding = "\n".join(sorted(obj.asset for obj in objects))
+                digest = hashlib.sha256(seeding.encode()).digest()
+                rng = np.random.default_rng([self.seed, int.from_bytes(digest[:8], "big")])
                 reply = ROLES[prompt.role](prompt, extract_message_images(message), rng)
-                return self._add_mistake(reply, prompt.role, rng)
+                return self._plant_mistake(prompt.role, reply, rng)
         return _HELP + ", ".join(ROLES)
 
-    def _add_mistake(self, reply: str, role: str, rng: np.random.Generator) -> str:
-        """The reply of an author with a mistake in its program, as often as ``faulty`` says."""
+    def _plant_mistake(self, role: str, reply: str, rng: np.random.Generator) -> str:
+        """The reply of an author with a mistake in its program, with probability ``faulty``."""
         block = _PYTHON.fullmatch(reply)
         program = _AUTHORED.get(role)
         if program is None or block is None or rng.random() >= self.faulty:
             return reply
         source, _ = introduce_suitable_mistake(block[1], program, random.Random(int(rng.integers(2**31))))
         return f"```python\n{source}```"
-
-    def _rng_for_text(self, text: str) -> np.random.Generator:
-        digest = hashlib.sha256(text.encode()).digest()
-        return np.random.default_rng([self.seed, int.from_bytes(digest[:8], "big")])
-
-
-def _select_text_that_seeds_rng(prompt: PromptText, text: str) -> str:
-    """What choices follow from, beside the seed: for a task the things on the table, so that neither the words of the
-    prompt nor a millimetre change it; else the whole prompt."""
-    if prompt.role != "task":
-        return text
-    return "\n".join(sorted(obj.asset for obj in parse_scene_objects(prompt.section_json("scene"))))
-
-
-def _make_check_tool_call(messages: list[BaseMessage], reply: str, tools: Sequence[str]) -> list[ToolCall]:
-    """The call of ``check`` with the draft in ``reply``, where there is such a tool and it was not called yet."""
-    block = _PYTHON.fullmatch(reply)
-    if block is None or "check" not in tools or any(isinstance(message, ToolMessage) for message in messages):
-        return []
-    return [ToolCall(name="check", args={"program": block[1]}, id=f"check-{len(messages)}", type="tool_call")]
-
-
-def _estimate_token_usage(messages: list[BaseMessage], reply: str) -> UsageMetadata:
-    asked, said = sum(_estimate_token_count(str(message.text)) for message in messages), _estimate_token_count(reply)
-    return UsageMetadata(input_tokens=asked, output_tokens=said, total_tokens=asked + said)
 
 
 def _estimate_token_count(text: str) -> int:

@@ -21,7 +21,7 @@ MIN_THICKNESS = 0.006
 SIZE_SLACK = 0.005
 """Every measured extent may be wrong by this much (metres) and by a share of the asset's extent."""
 SHORT_TOLERANCE, TOLERANCE = 0.33, 0.12
-"""The share where it is too short across, since the camera sees one side only, and where it is not."""
+"""Relative tolerance of an extent: if too short across, since the camera sees only the near side, and otherwise."""
 MAX_DIFFERENCE = 0.9
 """The most that an asset may differ, 1 being the bounds above reached by every extent."""
 LEAD = 0.2
@@ -29,7 +29,7 @@ LEAD = 0.2
 MIN_COLOR_SHARE = 0.05
 """The share of an object's pixels from which a second colour is worth telling."""
 _ROUND_OR_ANGULAR = frozenset({"bottle", "jar", "canister", "tub"})
-"""Kinds that look round or angular by the side one sees."""
+"""Categories that look round or angular depending on the view."""
 _PLAIN = frozenset({"white", "gray", "black"})
 _ROUND = frozenset({"cylinder", "can", "bottle", "jar", "canister", "tub", "mug", "cup", "bowl", "plate", "sphere"})
 
@@ -49,10 +49,16 @@ def describe_segments(prompt: PromptText, pictures: Sequence[bytes]) -> str:
 
 
 def _describe_segment(measured: Json, pictures: Sequence[bytes]) -> Json:
-    """One segment, in the form that the prompt asks for."""
+    """Describe a segment in the form of the prompt."""
     size = _parse_measured_size(measured)
-    names = _object_color_names(measured, pictures)
-    shape = _parse_measured_shape(measured)
+    mean = parse_finite_floats(measured.get("mean_color_rgb"), 3)
+    if mean and (not pictures or max(mean) < 0.3):
+        names = [color_name_from_rgb((mean[0], mean[1], mean[2]))]
+    else:
+        image = cv2.imdecode(np.frombuffer(pictures[0], np.uint8), cv2.IMREAD_COLOR) if pictures else None
+        names = dominant_color_names(cast(Image, image), mean) if image is not None else ["gray"]
+    shape = str(measured.get("outline") or "box").lower()
+    shape = shape if shape in (*_ROUND, "box") else "box"
     category = _guess_category(shape, size) if size else "object"
     is_object = size is None or _is_plausible_object(size, measured)
     what = category if category != "object" else shape
@@ -74,7 +80,8 @@ def _describe_segment(measured: Json, pictures: Sequence[bytes]) -> Json:
 
 
 def match_asset(prompt: PromptText) -> str:
-    """Reply to the ``match_asset`` prompt: the asset of the same size, colour and shape, if there is exactly one."""
+    """Reply to the ``match_asset`` prompt: the asset of the same size, colour and shape, if there is exactly one such
+    asset."""
     candidate = prompt.section_json("candidate")
     size = _parse_measured_size(candidate)
     if candidate.get("is_object") is False or (size is not None and not _is_plausible_object(size, candidate)):
@@ -95,19 +102,30 @@ def match_asset(prompt: PromptText) -> str:
 def _score_asset_differences(
     size: Sequence[float], wording: str, assets: Sequence[Json]
 ) -> Iterator[tuple[float, str]]:
-    """How much each asset differs that may be what was measured and described, and its name."""
+    """Difference (1: at the tolerance) and name of each asset that may match the measurements and the description."""
     for asset in assets:
         extent = parse_finite_floats(asset.get("size"), 3)
-        if extent and _has_same_roundness(wording, asset):
-            difference = _score_size_difference(size, extent) + _score_color_difference(wording, asset)
+        kind = {*split_words(str(asset.get("category", ""))), *split_words(str(asset.get("description", "")))}
+        alike = bool({*split_words(wording)} & _ROUND) == bool(kind & _ROUND)
+        if extent and (alike or asset.get("category") in _ROUND_OR_ANGULAR):
+            across = sorted(size[:2])
+            best = 10.0
+            for axis in range(3):
+                rest = sorted(edge for number, edge in enumerate(extent) if number != axis)
+                parts = [abs(size[2] - extent[axis]) / (TOLERANCE * extent[axis] + SIZE_SLACK)]
+                for measured, edge in zip(across, rest, strict=True):
+                    tolerance = SHORT_TOLERANCE if measured < edge else TOLERANCE
+                    parts.append(abs(measured - edge) / (tolerance * edge + SIZE_SLACK))
+                best = min(best, (max(parts) + sum(parts) / 3) / 2 + (0.0 if axis == 2 else 0.1))
+            difference = best + _score_color_difference(wording, asset)
             if difference <= MAX_DIFFERENCE:
                 yield difference, str(asset.get("name"))
 
 
 def dominant_color_names(image: Image, mean: Sequence[float] | None = None) -> list[str]:
-    """The names of the dominant colours of an object in a crop, the largest first.
+    """Names of the dominant colours of an object in a crop, the largest first.
 
-    The crop's margin is darker than the object; where it is not, its ``mean`` colour (RGB, 0..1) is used.
+    The crop's margin is darker than the object; otherwise its ``mean`` colour (RGB, 0..1) is used.
     """
     rgb = image[..., ::-1] / 255
     edge = np.concatenate([rgb[0], rgb[-1], rgb[:, 0], rgb[:, -1]]).max(axis=1)
@@ -135,21 +153,8 @@ def dominant_color_names(image: Image, mean: Sequence[float] | None = None) -> l
     return ranked[:1] + [name for name in ranked[1:4] if shares[name] >= MIN_COLOR_SHARE]
 
 
-def _object_color_names(measured: Json, pictures: Sequence[bytes]) -> list[str]:
-    mean = parse_finite_floats(measured.get("mean_color_rgb"), 3)
-    if mean and (not pictures or max(mean) < 0.3):
-        return [color_name_from_rgb((mean[0], mean[1], mean[2]))]
-    image = cv2.imdecode(np.frombuffer(pictures[0], np.uint8), cv2.IMREAD_COLOR) if pictures else None
-    return dominant_color_names(cast(Image, image), mean) if image is not None else ["gray"]
-
-
 def _parse_measured_size(measured: Json) -> tuple[float, ...] | None:
     return parse_finite_floats(measured.get("size_m"), 3)
-
-
-def _parse_measured_shape(measured: Json) -> str:
-    shape = str(measured.get("outline") or "box").lower()
-    return shape if shape in (*_ROUND, "box") else "box"
 
 
 def _is_plausible_object(size: Sequence[float], measured: Json) -> bool:
@@ -179,37 +184,16 @@ def _choose_tall_or_flat_word(size: Sequence[float] | None) -> str:
     return "tall " if size[2] > 1.6 * across else "flat " if size[2] < 0.45 * across else ""
 
 
-def _has_same_roundness(wording: str, asset: Json) -> bool:
-    """Whether the wording and the asset are both round or both angular, as far as that can be seen."""
-    if asset.get("category") in _ROUND_OR_ANGULAR:
-        return True
-    kind = {*split_words(str(asset.get("category", ""))), *split_words(str(asset.get("description", "")))}
-    return bool({*split_words(wording)} & _ROUND) == bool(kind & _ROUND)
-
-
-def _score_size_difference(measured: Sequence[float], extent: Sequence[float]) -> float:
-    """How far the extents disagree, 1 being the most that is allowed; an asset may stand on any of its sides."""
-    across = sorted(measured[:2])
-    best = 10.0
-    for axis in range(3):
-        rest = sorted(edge for number, edge in enumerate(extent) if number != axis)
-        parts = [abs(measured[2] - extent[axis]) / (TOLERANCE * extent[axis] + SIZE_SLACK)]
-        for seen, edge in zip(across, rest, strict=True):
-            parts.append(abs(seen - edge) / ((SHORT_TOLERANCE if seen < edge else TOLERANCE) * edge + SIZE_SLACK))
-        best = min(best, (max(parts) + sum(parts) / 3) / 2 + (0.0 if axis == 2 else 0.1))
-    return best
-
-
 def _score_color_difference(wording: str, asset: Json) -> float:
-    """How far the colours disagree: 0 where all that stand out are shared, 2 where none is."""
-    own = _colors_named_in_text(f"{asset.get('color', '')} {asset.get('description', '')}")
+    """Difference of the colours: 0 if all vivid colours are shared, 2 if none is."""
+    known = _colors_named_in_text(f"{asset.get('color', '')} {asset.get('description', '')}")
     seen = _colors_named_in_text(wording)
     vivid = [color for color in seen if color not in _PLAIN]
     if not vivid:
-        return 2.0 if not {*own} & {*seen} else 0.4 if {*own} - _PLAIN else 0.0
-    if vivid[0] not in own:
+        return 2.0 if not {*known} & {*seen} else 0.4 if {*known} - _PLAIN else 0.0
+    if vivid[0] not in known:
         return 2.0
-    return 0.15 * (len({*own} - _PLAIN - {*vivid}) + len({*vivid} - {*own}))
+    return 0.15 * (len({*known} - _PLAIN - {*vivid}) + len({*vivid} - {*known}))
 
 
 def _colors_named_in_text(text: str) -> list[str]:

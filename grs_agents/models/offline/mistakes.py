@@ -1,4 +1,4 @@
-"""Typical mistakes of programs and their tests, as edits of the text; ``offline:faulty`` makes one of them."""
+"""Typical mistakes of programs and their tests, as edits of the text; ``offline:faulty`` plants them."""
 
 import ast
 import random
@@ -15,16 +15,19 @@ Edit = Callable[[str, random.Random], str | None]
 
 @dataclass(frozen=True)
 class Mistake:
-    """One kind of mistake."""
+    """A kind of mistake."""
 
-    name: str  # what it is, in words joined by dashes
+    name: str  # words joined by dashes
     program: Program  # where it is made
     apply: Edit  # the source with the mistake; None where the source has nothing to make it with
     repeatable: bool = True  # whether the source with it does the same in every run
 
 
 def introduce_suitable_mistake(source: str, program: Program, generator: random.Random) -> tuple[str, str]:
-    """``source`` with one repeatable mistake that suits it, and the mistake's name; unchanged and "" if none does."""
+    """Plant a suitable repeatable mistake in ``source``.
+
+    Returns: the source and the mistake's name; unchanged and "" if none suits.
+    """
     order = [mistake for mistake in MISTAKES if mistake.program == program and mistake.repeatable]
     generator.shuffle(order)
     for mistake in order:
@@ -35,20 +38,20 @@ def introduce_suitable_mistake(source: str, program: Program, generator: random.
 
 
 def _make_replace_one(pattern: str, *replacements: str) -> Edit:
-    """Replace one place that fits ``pattern`` by one of ``replacements``, both drawn."""
+    """Replace a random match of ``pattern`` by a random member of ``replacements``."""
 
     def apply(source: str, generator: random.Random) -> str | None:
-        found = list(re.finditer(pattern, source, re.MULTILINE))
-        if not found:
+        matches = list(re.finditer(pattern, source, re.MULTILINE))
+        if not matches:
             return None
-        place = generator.choice(found)
+        place = generator.choice(matches)
         return source[: place.start()] + place.expand(generator.choice(replacements)) + source[place.end() :]
 
     return apply
 
 
 def _make_replace_all(*pairs: tuple[str, str]) -> Edit:
-    """Replace all that fits the pattern of one of ``pairs``, drawn among those that occur."""
+    """Replace all matches of a random pattern of ``pairs`` that occurs."""
 
     def apply(source: str, generator: random.Random) -> str | None:
         changed = [re.sub(pattern, text, source, flags=re.MULTILINE) for pattern, text in pairs]
@@ -68,17 +71,17 @@ def _rename_task_class(source: str, generator: random.Random) -> str | None:
 
 
 def _place_object_onto_another(source: str, generator: random.Random) -> str | None:
-    """An object that starts where another one stands."""
+    """An object that starts at the place of another object."""
     poses = [call.args[1] for call in _find_object_additions(source).values() if len(call.args) > 1]
     places = [pose.elts[0] for pose in poses if isinstance(pose, ast.Tuple)]
     if len(places) < 2:
         return None
-    moved, other = generator.sample(places, 2)
-    return program_edits.replace_nodes(source, [(moved, _source_text_of(source, other))])
+    moved, target = generator.sample(places, 2)
+    return program_edits.replace_nodes(source, [(moved, _source_text_of(source, target))])
 
 
 def _remove_one_object(source: str, generator: random.Random) -> str | None:
-    """An object that is neither added nor spoken of, while others are left."""
+    """Remove an object and its goal, if others are left."""
     additions = _find_object_additions(source)
     names = generator.sample(list(additions), len(additions))
     for name in names if len(names) > 1 else ():
@@ -89,7 +92,7 @@ def _remove_one_object(source: str, generator: random.Random) -> str | None:
 
 
 def _remove_last_goal(source: str, generator: random.Random) -> str | None:
-    """A task of which the last part is not asked for; the rest makes up the whole reward."""
+    """Remove the last goal; the others make up the whole reward."""
     rows = _find_rows_of_moves_list(source)
     if len(rows) > 1:
         return program_edits.replace_nodes(source, [(node, "") for node in rows[-1:]])
@@ -104,24 +107,22 @@ def _add_contradicting_goal(source: str, generator: random.Random) -> str | None
     """An object that has to be in two places in the end."""
     rows = [row for row in _find_rows_of_moves_list(source) if len(row.elts) > 3]
     if not rows:
-        return _add_last_object_to_first_goal(source)
+        goals = [
+            node.value for node in _find_call_statements(source) if _name_of_called_method(node.value) == "add_goal"
+        ]
+        lists = [part for goal in goals for part in ast.walk(goal) if isinstance(part, ast.List) and part.elts]
+        if len(goals) < 2 or len(lists) < 2:
+            return None
+        texts = [_source_text_of(source, part) for part in [*lists[0].elts, lists[-1].elts[-1]]]
+        return program_edits.replace_nodes(source, [(lists[0], f"[{', '.join(texts)}]")])
     row = generator.choice(rows)
     elsewhere = [_source_text_of(source, part) for part in row.elts]
     elsewhere[3] = "((0.45, -0.42, 0.05), (0, 0, 0, 1))"
     return program_edits.replace_nodes(source, [(row, f"{_source_text_of(source, row)}, ({', '.join(elsewhere)})")])
 
 
-def _add_last_object_to_first_goal(source: str) -> str | None:
-    goals = [node.value for node in _find_call_statements(source) if _name_of_called_method(node.value) == "add_goal"]
-    lists = [part for goal in goals for part in ast.walk(goal) if isinstance(part, ast.List) and part.elts]
-    if len(goals) < 2 or len(lists) < 2:
-        return None
-    texts = [_source_text_of(source, part) for part in [*lists[0].elts, lists[-1].elts[-1]]]
-    return program_edits.replace_nodes(source, [(lists[0], f"[{', '.join(texts)}]")])
-
-
 def _shrink_container(source: str, generator: random.Random) -> str | None:
-    """A container or zone too small for what goes in."""
+    """A container or zone too small for its objects."""
     if changed := program_edits.scale_target_sizes(source, 0.3):
         return changed
     small = r'\g<1>self.fill_template("container/container-template.urdf", {"DIM": (0.08, 0.08, 0.04)})'
@@ -149,7 +150,7 @@ def _change_expected_step_count(source: str, generator: random.Random) -> str | 
 
 
 def _remove_assertions(source: str, generator: random.Random) -> str | None:
-    """Tests that print what they should assert."""
+    """Tests that print instead of asserting."""
     checks = [node for node in _find_call_statements(source) if _name_of_called_method(node.value).startswith("assert")]
     return program_edits.replace_nodes(source, [(node, 'print("checked")') for node in checks]) if checks else None
 
@@ -163,7 +164,7 @@ def _add_goal_count_assertion(source: str, generator: random.Random) -> str | No
 
 
 def _move_oracle_before_reset(source: str, generator: random.Random) -> str | None:
-    """An oracle that is asked for before the scene is there."""
+    """Create the oracle before the scene is reset."""
     agent = re.search(r"^ +agent = self\.task\.oracle\(self\.env\)\n", source, re.MULTILINE)
     reset = re.search(r"^( +)(?:self\.)?obs = self\.env\.reset\(\)\n", source, re.MULTILINE)
     if agent is None or reset is None or agent.start() < reset.start():
@@ -177,7 +178,7 @@ def _move_oracle_before_reset(source: str, generator: random.Random) -> str | No
 
 def _find_object_additions(source: str) -> dict[str, ast.Call]:
     """The calls that add an object which can be moved, by the variable that holds it."""
-    found: dict[str, ast.Call] = {}
+    additions: dict[str, ast.Call] = {}
     for node in ast.walk(program_edits.parse_syntax_tree(source) or ast.Module([], [])):
         if (
             isinstance(node, ast.Assign)
@@ -186,8 +187,8 @@ def _find_object_additions(source: str) -> dict[str, ast.Call]:
         ):
             target, fixed = node.targets[0], len(node.value.args) > 2
             if isinstance(target, ast.Name) and not fixed:
-                found[target.id] = node.value
-    return found
+                additions[target.id] = node.value
+    return additions
 
 
 def _find_rows_of_moves_list(source: str) -> list[ast.Tuple]:

@@ -1,4 +1,4 @@
-"""A plan: which objects move where. A program is written from it, and it says nothing of any one scene.
+"""A plan: objects and their places, independent of the scene, from which a program is written.
 
 Places come from rows inside a rectangle and from free places on the table; objects do not touch.
 """
@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.models.offline.prompt_text import FAR, GAP, NEAR, Rect, SceneObject, Vector
+from grs_agents.models.offline.prompt_text import FAR, GAP, NEAR, PromptObject, Rect, Vector
 
 CONTAINER = "container/container-template.urdf"
 ZONE = "zone/zone-template.urdf"
@@ -35,23 +35,23 @@ class Target:
     place: tuple[float, float]  # (x, y) of a place known to be free
     color: str = ""  # its colour's name
     moves: bool = True  # whether each seed draws another place for it
-    obj: SceneObject | None = None  # the object, for kind `object`
+    obj: PromptObject | None = None  # the object, for kind `object`
     # the free centres (N, 2) of its size, on the grid, when it was laid out
     free: npt.NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 2)), compare=False, repr=False)
 
     @property
     def footprint_rect(self) -> Rect:
-        """What it takes of the table, as far as that is known before the program runs."""
+        """Footprint, as far as it is known before the program runs."""
         return Rect(*self.place, *self.size[:2])
 
     @property
     def label(self) -> str:
-        """What people call it."""
+        """Everyday name."""
         return self.obj.label if self.obj else self.name.replace("_", " ")
 
     @property
     def asset_name(self) -> str:
-        """The library name of what marks it; empty for bare table."""
+        """Library name of the asset that marks it; empty for bare table."""
         if self.obj:
             return self.obj.asset
         return {"container": CONTAINER, "zone": ZONE}.get(self.kind, "")
@@ -59,25 +59,25 @@ class Target:
 
 @dataclass(frozen=True)
 class Move:
-    """One pick-and-place."""
+    """A pick-and-place."""
 
-    obj: SceneObject  # what is moved
+    obj: PromptObject  # object to move
     target: Target  # where to
     offset: Vector  # the object's centre from the frame's place at table height, metres
 
 
 @dataclass(frozen=True)
-class Plan:
+class PlacementPlan:
     """A whole task."""
 
     family: Family  # the kind of task
     targets: tuple[Target, ...]  # the places, in the order in which they are laid out
-    moves: tuple[Move, ...]  # what the robot does, in order
-    criterion: str = ""  # how objects are told apart or ordered, e.g. `color`
+    moves: tuple[Move, ...]  # in order
+    criterion: str = ""  # property that separates or orders objects, e.g. `color`
     exact: bool = False  # whether each object must stand at its very spot, rather than anywhere inside its frame
 
     @property
-    def moved_objects(self) -> tuple[SceneObject, ...]:
+    def moved_objects(self) -> tuple[PromptObject, ...]:
         """The objects that are moved, each once, in the order of the moves."""
         return tuple(dict.fromkeys(move.obj for move in self.moves))
 
@@ -97,11 +97,11 @@ _LEAST_PLACES = 10
 
 
 MAX_ZONE_HEIGHT = 0.25
-"""Zones score only what lies below the workspace's ceiling, metres."""
+"""Height (m) of the workspace's ceiling; zones score only below it."""
 
 
 @dataclass(frozen=True)
-class Rows:
+class RowLayout:
     """Rectangles laid side by side in rows."""
 
     # centre of each rectangle from the centre of the whole, in the order given
@@ -110,14 +110,14 @@ class Rows:
     depth: float  # extent of the whole along y
 
 
-def list_row_arrangements(footprints: Sequence[tuple[float, float]], gap: float) -> list[Rows]:
-    """``footprints`` (x, y extents) laid out in one row, two rows and so on, the most compact whole first."""
+def list_row_arrangements(footprints: Sequence[tuple[float, float]], gap: float) -> list[RowLayout]:
+    """Arrange ``footprints`` (x, y extents) in a row, two rows and so on; the most compact arrangement first."""
     options = [arrange_in_rows(footprints, count, gap) for count in range(1, len(footprints) + 1)]
     return sorted(options, key=lambda option: math.hypot(option.width, option.depth))
 
 
-def arrange_in_rows(footprints: Sequence[tuple[float, float]], rows: int, gap: float) -> Rows:
-    """``footprints`` (x, y extents) laid out in so many rows along y."""
+def arrange_in_rows(footprints: Sequence[tuple[float, float]], rows: int, gap: float) -> RowLayout:
+    """Arrange ``footprints`` (x, y extents) in ``rows`` rows along y."""
     length = math.ceil(len(footprints) / rows)
     groups = [footprints[start : start + length] for start in range(0, len(footprints), length)]
     widths = [max(width for width, _ in group) for group in groups]
@@ -131,17 +131,17 @@ def arrange_in_rows(footprints: Sequence[tuple[float, float]], rows: int, gap: f
             offsets.append((x + width / 2, y + extent / 2))
             y += extent + gap
         x += width + gap
-    return Rows(tuple(offsets), whole, max(depths))
+    return RowLayout(tuple(offsets), whole, max(depths))
 
 
 @dataclass
 class Table:
-    """What is taken on the table while a plan is made."""
+    """Occupied areas of the table while a plan is made."""
 
     taken: list[Rect] = field(default_factory=list[Rect])
 
     def reserve_free_place(self, width: float, depth: float) -> tuple[float, float] | None:
-        """The free centre for a rectangle that is easiest to reach, then taken; None where there is none."""
+        """Reserve the free place (its centre) for a rectangle that is easiest to reach; None if there is none."""
         for x, y in self.find_free_places(width, depth)[:1].tolist():
             self.taken.append(Rect(x, y, width, depth))
             return x, y
@@ -154,23 +154,21 @@ class Table:
         x, y = (axis.ravel() for axis in np.meshgrid(np.array(columns), np.array(rows), indexing="ij"))
         low = np.hypot(np.maximum(0, abs(x) - width / 2), np.maximum(0, abs(y) - depth / 2))
         free = (low >= NEAR - 0.05) & (np.hypot(abs(x) + width / 2, abs(y) + depth / 2) <= FAR + 0.03)
-        for other in self.taken:
-            aside = abs(x - other.x) >= (width + other.width) / 2 + GAP
-            free &= aside | (abs(y - other.y) >= (depth + other.depth) / 2 + GAP)
+        for rect in self.taken:
+            aside = abs(x - rect.x) >= (width + rect.width) / 2 + GAP
+            free &= aside | (abs(y - rect.y) >= (depth + rect.depth) / 2 + GAP)
         effort = abs(np.hypot(x, y)[free] - 0.52)
         return np.stack([x[free], y[free]], axis=1)[np.argsort(effort, kind="stable")]
 
 
 def may_leave_no_place(drawn: Sequence[Target]) -> bool:
-    """Whether one of several targets could be drawn so that another one has hardly a free place left."""
-    return any(_count_places_left(target, other) < _LEAST_PLACES for target, other in permutations(drawn, 2))
-
-
-def _count_places_left(target: Target, other: Target) -> int:
-    """How many free places ``target`` leaves to another one, where it leaves the fewest."""
-    apart = abs(target.free[:, None] - other.free)  # for each place of the one and each of the other, along x and y
-    clear = (apart >= (np.add(target.size[:2], other.size[:2])) / 2 + GAP).any(axis=2)
-    return int(clear.sum(axis=1).min(initial=len(other.free)))
+    """Whether a random place of a target may leave hardly a free place to another target."""
+    for target, rival in permutations(drawn, 2):
+        distances = abs(target.free[:, None] - rival.free)  # for each pair of places, along x and y
+        clear = (distances >= (np.add(target.size[:2], rival.size[:2])) / 2 + GAP).any(axis=2)
+        if int(clear.sum(axis=1).min(initial=len(rival.free))) < _LEAST_PLACES:
+            return True
+    return False
 
 
 def _iterate_grid_coordinates(low: float, high: float) -> Iterable[float]:
@@ -178,28 +176,32 @@ def _iterate_grid_coordinates(low: float, high: float) -> Iterable[float]:
     return (round(low + STEP * index, 4) for index in range(max(0, count)))
 
 
-def select_objects_without_overlap(objects: Iterable[SceneObject], limit: int, gap: float = 0.004) -> list[SceneObject]:
+def select_objects_without_overlap(
+    objects: Iterable[PromptObject], limit: int, gap: float = 0.004
+) -> list[PromptObject]:
     """The first objects, at most ``limit``, of which no two overlap."""
-    chosen: list[SceneObject] = []
+    chosen: list[PromptObject] = []
     for obj in objects:
-        if len(chosen) < limit and not any(obj.footprint_rect.overlaps(other.footprint_rect, gap) for other in chosen):
+        if len(chosen) < limit and not any(
+            obj.footprint_rect.overlaps(earlier.footprint_rect, gap) for earlier in chosen
+        ):
             chosen.append(obj)
     return chosen
 
 
-def is_pickable_object(obj: SceneObject) -> bool:
+def is_pickable_object(obj: PromptObject) -> bool:
     """Whether the suction cup can lift it from above and set it down upright."""
     footprint = min(obj.size[:2])
     small_enough = max(obj.size[:2]) <= 0.32 and obj.size[2] <= MAX_ZONE_HEIGHT
     return not obj.hollow and footprint >= 0.018 and obj.size[2] >= 0.008 and small_enough
 
 
-def is_hard_to_topple(obj: SceneObject) -> bool:
-    """Whether it stands without toppling at a touch."""
+def is_hard_to_topple(obj: PromptObject) -> bool:
+    """Whether its height is at most four times its least width."""
     return obj.size[2] <= 4.0 * min(obj.size[:2])
 
 
-def is_reachable_object(obj: SceneObject) -> bool:
-    """Whether the arm can pick it where it stands: in reach, not held there, and picked before."""
+def is_reachable_object(obj: PromptObject) -> bool:
+    """Whether the arm can pick it at its place: within reach, free, and picked in a trial."""
     radius = math.hypot(obj.position[0], obj.position[1])
     return obj.reachable and obj.can_be_picked and not obj.floats and NEAR <= radius <= FAR and obj.position[0] > 0.1

@@ -17,7 +17,7 @@ def parse_syntax_tree(source: str) -> ast.Module | None:
 
 
 def find_task_class_name(source: str) -> str:
-    """The name of the last class in ``source`` that has bases; by pattern where it does not parse."""
+    """The name of the last class in ``source`` that has bases; by pattern if it does not parse."""
     tree = parse_syntax_tree(source)
     if tree is None:
         names = re.findall(r"^class (\w+)", source, re.MULTILINE)
@@ -32,7 +32,7 @@ def find_asset_names(source: str) -> set[str]:
 
 
 def scale_target_sizes(source: str, factor: float) -> str | None:
-    """``source`` with the x and y extents of its containers and zones scaled; None where it states none."""
+    """``source`` with the x and y extents of its containers and zones scaled; None if it has none."""
     edits: list[tuple[ast.expr, str]] = []
     for node in _find_assignments(source):
         name, value = _name_of_assigned_target(node.targets[0]), node.value
@@ -45,7 +45,7 @@ def scale_target_sizes(source: str, factor: float) -> str | None:
 
 
 def replace_identifier(source: str, wrong: str, right: str) -> str | None:
-    """``source`` with attribute or name ``wrong`` spelt ``right``; None where it does not occur."""
+    """``source`` with attribute or name ``wrong`` replaced by ``right``; None if it does not occur."""
     changed = re.sub(rf"\b{re.escape(wrong)}\b", right, source)
     return changed if changed != source else None
 
@@ -53,7 +53,7 @@ def replace_identifier(source: str, wrong: str, right: str) -> str | None:
 def remove_variable(source: str, name: str) -> str | None:
     """``source`` without variable ``name``: its assignment, and the list entries that use it.
 
-    None where it is used elsewhere too, or where a list is left with nothing to say of.
+    None if it is used elsewhere too, or a list becomes empty.
     """
     tree = parse_syntax_tree(source)
     if tree is None:
@@ -69,7 +69,7 @@ def remove_variable(source: str, name: str) -> str | None:
 
 
 def _format_list_without_name(source: str, node: ast.List, name: str) -> str:
-    """The text of a list without the entries that use ``name``, one a line where ``node`` has them so."""
+    """Text of a list without the entries that use ``name``, an entry per line as in ``node``."""
     kept = [part for part in node.elts if name not in _collect_identifiers(part)]
     texts = [ast.get_source_segment(source, part) or "" for part in kept]
     if node.lineno == node.end_lineno or not kept:

@@ -5,8 +5,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import chain
 
-from grs_agents.models.offline.plan import CONTAINER, MAX_ZONE_HEIGHT, ZONE, Move, Plan, Target, may_leave_no_place
-from grs_agents.models.offline.prompt_text import GAP, SceneObject, make_identifier, split_words
+from grs_agents.models.offline.plan import (
+    CONTAINER,
+    MAX_ZONE_HEIGHT,
+    ZONE,
+    PlacementPlan,
+    Target,
+    may_leave_no_place,
+)
+from grs_agents.models.offline.prompt_text import GAP, PromptObject, make_identifier, split_words
 
 _LANGUAGE_TEMPLATES = {
     "pack": "put the {} into the {}",
@@ -20,10 +27,10 @@ def class_name_for_task(task: str) -> str:
     return "".join(word.capitalize() for word in split_words(task)) or "PlaceObjects"
 
 
-def write_program(plans: Sequence[Plan], title: str, description: str, spots: bool = False) -> str:
-    """The program text for plans that are carried out one after the other: class ``title``, docstring ``description``.
+def write_program(plans: Sequence[PlacementPlan], title: str, description: str, spots: bool = False) -> str:
+    """Write the program of plans that run in sequence: class ``title``, docstring ``description``.
 
-    ``spots`` gives each object a spot of its own inside its container or zone, instead of the whole of it.
+    ``spots`` gives each object a spot inside its container or zone, instead of the whole of it.
     """
     names = _assign_variable_names(plans)
     objects = list(chain.from_iterable(plan.moved_objects for plan in plans))
@@ -42,11 +49,11 @@ def write_program(plans: Sequence[Plan], title: str, description: str, spots: bo
     return "\n".join(lines) + "\n"
 
 
-def _lay_out_targets(plans: Sequence[Plan], relocated: bool) -> list[Target]:
-    """The targets in the order in which they are laid out.
+def _lay_out_targets(plans: Sequence[PlacementPlan], relocated: bool) -> list[Target]:
+    """Sort the targets in the order of their layout.
 
-    Of those that are drawn the largest comes first: while nothing else was drawn, the place that the plan knows for it
-    is free. Where one of them could take the places of the others, all but that one stand where the plan put them.
+    The largest random target comes first: the plan's place for it is free while no other place is drawn. If a random
+    target could take the places of the others, all others keep their places of the plan.
     """
     targets = sorted(
         chain.from_iterable(plan.targets for plan in plans), key=lambda target: -target.size[0] * target.size[1]
@@ -57,7 +64,7 @@ def _lay_out_targets(plans: Sequence[Plan], relocated: bool) -> list[Target]:
     return sorted(targets, key=lambda target: target.moves)
 
 
-def _head_code_lines(plans: Sequence[Plan], title: str, description: str) -> list[str]:
+def _head_code_lines(plans: Sequence[PlacementPlan], title: str, description: str) -> list[str]:
     steps = sum(len(plan.moves) for plan in plans)
     family = plans[0].family if len(plans) == 1 else ""
     text = description.replace("\\", "").replace('"', "'")
@@ -82,7 +89,7 @@ def _head_code_lines(plans: Sequence[Plan], title: str, description: str) -> lis
     ]
 
 
-def _object_code_lines(objects: Sequence[SceneObject], names: dict[str, str]) -> list[str]:
+def _object_code_lines(objects: Sequence[PromptObject], names: dict[str, str]) -> list[str]:
     lines = ["", "        # The objects, where the photo shows them."]
     relocated = [obj for obj in objects if obj.relocated]
     for obj in objects:
@@ -130,15 +137,23 @@ def _target_code_lines(target: Target, names: dict[str, str], known: bool) -> li
     return lines
 
 
-def _goal_code_lines(plan: Plan, names: dict[str, str], spots: bool, steps: int) -> list[str]:
+def _goal_code_lines(plan: PlacementPlan, names: dict[str, str], spots: bool, steps: int) -> list[str]:
     exact = plan.exact or any(obj.size[2] > MAX_ZONE_HEIGHT for obj in plan.moved_objects)
     metric, spots = "pose" if exact else "zone", spots and not exact
     extent = "spot" if spots else "size"
+    rows: list[str] = []
+    for move in plan.moves:
+        name, target, obj = names[move.target.name], move.target, move.obj
+        middle = target.obj.position[2] if target.obj else target.size[2] / 2
+        offset = (move.offset[0], move.offset[1], move.offset[2] - middle)
+        size = _format_vector((obj.size[0] + GAP, obj.size[1] + GAP, obj.size[2])) if spots else f"{name}_size"
+        row = f'{names[obj.name]}, "{obj.label}", "{target.label}", {name}_pose, {size}'
+        rows.append(f"            ({row}, {_format_vector(offset)}, {_format_vector(obj.orientation)}),")
     lines = [
         "        # One goal for each object, in the order in which the robot moves them:",
         f"        # object, its name, where to (name, pose, {extent}), offset from there, rotation.",
         "        moves = [",
-        *(f"            {_format_move_as_code(move, names, spots)}," for move in plan.moves),
+        *rows,
         "        ]",
         f"        for item, label, place, pose, {extent}, offset, rotation in moves:",
         "            target = utils.multiply(pose, (offset, rotation))",
@@ -163,16 +178,7 @@ def _goal_code_lines(plan: Plan, names: dict[str, str], spots: bool, steps: int)
     return lines
 
 
-def _format_move_as_code(move: Move, names: dict[str, str], spots: bool) -> str:
-    name, target, obj = names[move.target.name], move.target, move.obj
-    middle = target.obj.position[2] if target.obj else target.size[2] / 2
-    offset = (move.offset[0], move.offset[1], move.offset[2] - middle)
-    size = _format_vector((obj.size[0] + GAP, obj.size[1] + GAP, obj.size[2])) if spots else f"{name}_size"
-    head = f'{names[obj.name]}, "{obj.label}", "{target.label}", {name}_pose, {size}'
-    return f"({head}, {_format_vector(offset)}, {_format_vector(obj.orientation)})"
-
-
-def _assign_variable_names(plans: Sequence[Plan]) -> dict[str, str]:
+def _assign_variable_names(plans: Sequence[PlacementPlan]) -> dict[str, str]:
     taken: dict[str, str] = {}
     objects = [obj.name for plan in plans for obj in plan.moved_objects]
     for name in [*objects, *(target.name for plan in plans for target in plan.targets)]:

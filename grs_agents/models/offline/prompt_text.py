@@ -16,21 +16,21 @@ _FENCE = re.compile(r"^(`{3,}|~{3,})")
 class PromptText:
     """A prompt taken apart."""
 
-    role: str  # what the `# Role:` line says
+    role: str  # what the `# of the `# Role:` line
     # lower-case title -> body: the content of the section's first fenced block, or its plain text
     sections: Mapping[str, str]
 
     def section_body(self, title: str) -> str:
-        """The body of a section, empty where there is none."""
+        """The body of a section; empty if there is none."""
         return self.sections.get(title, "")
 
     def section_json(self, title: str) -> Json:
-        """The section's JSON object; an empty one where the body is something else."""
+        """The section's JSON object; empty if the body is not an object."""
         value = parse_json_or_none(self.section_body(title))
         return cast(Json, value) if isinstance(value, dict) else {}
 
     def section_json_rows(self, title: str) -> list[Json]:
-        """The section's JSON objects: one a line, or an array of them."""
+        """The section's JSON objects: one per line, or an array of them."""
         body = self.section_body(title)
         whole = parse_json_or_none(body)
         values = (
@@ -42,7 +42,7 @@ class PromptText:
 
 
 def parse_prompt(text: str) -> PromptText | None:
-    """Take a prompt apart; None where no line names a role."""
+    """Parse a prompt; None if no line names a role."""
     role = _ROLE.search(text)
     return None if role is None else PromptText(role.group(1), _split_sections(text[role.end() :]))
 
@@ -98,9 +98,9 @@ NEAR, FAR = 0.28, 0.80
 GAP = 0.02
 """The clearance left between neighbours, in metres."""
 CUP_ROOM = 0.03
-"""With so much room on every side the cup, and what it carries, comes down beside nothing, in metres."""
+"""Free space (m) on every side of an object, within which the cup and its load touch no neighbour."""
 _SEEN_HEIGHT = 0.02
-"""Metres by which people see that one of two things is the taller one."""
+"""Least visible difference in height (m)."""
 HOLLOW_WORDS = frozenset({"bowl", "mug", "cup", "plate", "container", "basket", "tray", "bin"})
 ROUND_WORDS = frozenset({"bottle", "jar", "ball", "sphere", "fruit", "bag", "pear", "apple", "banana", "toy"})
 COLORS = ("red", "orange", "yellow", "green", "blue", "purple", "pink", "brown", "white", "gray", "black")
@@ -125,23 +125,23 @@ class Rect:
 
 
 @dataclass(frozen=True)
-class SceneObject:
-    """One object of the scene, as the photo shows it."""
+class PromptObject:
+    """An object of the scene in a prompt."""
 
     name: str  # unique in the scene
-    asset: str  # library name of what stands for it
-    category: str  # what kind of object it is, lower case
+    asset: str  # library name
+    category: str  # lower case
     color: str  # name of its dominant colour
     position: Vector  # centre, metres, robot frame
     orientation: Quaternion  # rotation (xyzw)
     size: Vector  # extents along the robot's axes as it stands, metres
     reachable: bool  # whether the arm can pick it there
     hollow: bool  # whether other objects can be put inside or on it
-    floats: bool = False  # whether it is held where it is, since it stands on what the photo does not show
+    floats: bool = False  # whether it is held at its place, since the photo does not show its support
     uneven_top: bool = False  # whether other objects would tip on it
     can_be_picked: bool = True  # whether the robot, which tried, could pick it where it stands
     relocated: bool = False  # whether the program puts it elsewhere than the photo
-    height: str = ""  # how tall it is, where that tells it from others of its kind and colour
+    height: str = ""  # word for its height, if that tells it from others of its kind and colour
 
     @property
     def footprint_rect(self) -> Rect:
@@ -150,17 +150,17 @@ class SceneObject:
 
     @property
     def room(self) -> Vector:
-        """What it takes when it is put elsewhere: its extents and, on every side, what the cup needs besides it."""
+        """Space that it takes elsewhere: its extents, and room for the cup on every side."""
         return (self.size[0] + 2 * CUP_ROOM, self.size[1] + 2 * CUP_ROOM, self.size[2])
 
     @property
     def label(self) -> str:
-        """What people call it, e.g. ``macaroni and cheese box`` or ``blue box``."""
+        """Everyday name, e.g. ``macaroni and cheese box`` or ``blue box``."""
         return f"{self.height} {self.kind}".strip()
 
     @property
     def kind(self) -> str:
-        """What people call it, whatever its height."""
+        """Everyday name without a word for its height."""
         stem = self.asset.rsplit("/", 1)[-1].removesuffix(".urdf")
         if self.asset.startswith("proxy/"):
             kind = self.category if self.category not in ("proxy", "") else "object"
@@ -179,21 +179,21 @@ class SceneObject:
         kinds = {*split_words(self.category), *split_words(self.asset.rsplit("/", 1)[-1]), *split_words(self.name)}
         return not self.hollow and not self.uneven_top and not kinds & ROUND_WORDS
 
-    def relocate_to(self, x: float, y: float) -> "SceneObject":
+    def relocate_to(self, x: float, y: float) -> "PromptObject":
         """The same object standing elsewhere on the table."""
         return replace(self, position=(x, y, self.size[2] / 2), relocated=True)
 
 
-def parse_scene_objects(scene: Json) -> list[SceneObject]:
+def parse_scene_objects(scene: Json) -> list[PromptObject]:
     """The objects of a scene section; entries without a name, asset, position or size are left out."""
     entries = [cast(Json, entry) for entry in _to_list_or_empty(scene.get("objects")) if isinstance(entry, dict)]
     objects = [obj for obj in map(_parse_scene_object, entries) if obj is not None]
     return [replace(obj, height=_find_telling_height(obj, objects)) for obj in objects]
 
 
-def _find_telling_height(obj: SceneObject, objects: Sequence[SceneObject]) -> str:
-    """``tall`` or ``low``, of more than two ``tallest`` or ``lowest``, where people see that it is; else empty."""
-    others = [other.size[2] for other in objects if other is not obj and other.kind == obj.kind]
+def _find_telling_height(obj: PromptObject, objects: Sequence[PromptObject]) -> str:
+    """``tall`` or ``low``, among three or more ``tallest`` or ``lowest``, if visibly so; else empty."""
+    others = [fellow.size[2] for fellow in objects if fellow is not obj and fellow.kind == obj.kind]
     if others and obj.size[2] >= max(others) + _SEEN_HEIGHT:
         return "tall" if len(others) == 1 else "tallest"
     if others and obj.size[2] <= min(others) - _SEEN_HEIGHT:
@@ -201,14 +201,14 @@ def _find_telling_height(obj: SceneObject, objects: Sequence[SceneObject]) -> st
     return ""
 
 
-def _parse_scene_object(entry: Json) -> SceneObject | None:
+def _parse_scene_object(entry: Json) -> PromptObject | None:
     position, size = parse_finite_floats(entry.get("position"), 3), parse_finite_floats(entry.get("size"), 3)
     asset = str(entry.get("asset") or "")
     if position is None or size is None or min(size) <= 0 or not asset:
         return None
     orientation = parse_finite_floats(entry.get("orientation"), 4) or (0.0, 0.0, 0.0, 1.0)
     category = str(entry.get("category") or "").lower()
-    return SceneObject(
+    return PromptObject(
         name=str(entry.get("name") or asset),
         asset=asset,
         category=category,
@@ -217,15 +217,12 @@ def _parse_scene_object(entry: Json) -> SceneObject | None:
         orientation=cast(Quaternion, orientation),
         size=cast(Vector, size),
         reachable=bool(entry.get("reachable", True)),
-        hollow=bool(entry.get("hollow")) or _has_hollow_name(asset, category),
+        hollow=bool(entry.get("hollow"))
+        or (bool({category, *split_words(asset)} & HOLLOW_WORDS) and not asset.startswith("proxy/")),
         floats=bool(entry.get("floats")),
         uneven_top=bool(entry.get("uneven_top")),
         can_be_picked=not entry.get("cannot_be_picked"),
     )
-
-
-def _has_hollow_name(asset: str, category: str) -> bool:
-    return bool({category, *split_words(asset)} & HOLLOW_WORDS) and not asset.startswith("proxy/")
 
 
 def parse_finite_floats(value: Any, count: int) -> tuple[float, ...] | None:

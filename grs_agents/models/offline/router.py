@@ -1,4 +1,4 @@
-"""The router: which of the two programs the evidence speaks against."""
+"""The router: decides which of the two programs is at fault."""
 
 import re
 from dataclasses import replace
@@ -14,7 +14,17 @@ _NO_CHECK = frozenset({"no_assertion", "skipped", "expected_failure"})
 def decide_what_to_fix(prompt: PromptText) -> str:
     """Reply to the ``route`` prompt: an explanation, then the verdict in a fenced block."""
     evidence = _blame_program_for_missing_attributes(parse_report_evidence(prompt.section_body("test report")), prompt)
-    verdict, explanation = decide_verdict_from_evidence(evidence, _find_neglected_assets(prompt, evidence))
+    task, used = prompt.section_json("task"), program_edits.find_asset_names(prompt.section_body("program"))
+    assets = {str(asset) for asset in task.get("assets-used", [])}
+    objects = [obj for obj in parse_scene_objects(prompt.section_json("scene")) if obj.asset in assets]
+    try:
+        wanted = {obj.asset for clause in parse_clauses(task, objects) for obj in clause.moved}
+    except UnplannableTaskError:
+        wanted = set[str]()
+    moved = {asset for oracle in evidence.oracles for asset in oracle.moved}
+    solved = any(oracle.has_solved_task for oracle in evidence.oracles)
+    neglected = (assets - used) | (wanted - moved if solved else set[str]())
+    verdict, explanation = decide_verdict_from_evidence(evidence, tuple(sorted(neglected)))
     allowed = re.findall(r"\bfix_\w+", prompt.section_body("verdicts")) or [verdict]
     if verdict not in allowed:
         verdict, explanation = allowed[0], f"{explanation} As {verdict} was tried in vain, the other program is next."
@@ -22,16 +32,25 @@ def decide_what_to_fix(prompt: PromptText) -> str:
 
 
 def decide_verdict_from_evidence(evidence: Evidence, neglected: tuple[str, ...] = ()) -> tuple[str, str]:
-    """The verdict and why.
+    """Decide the verdict from the evidence.
 
-    Against the tests speaks what is wrong in them as they stand, and what they miss where the oracle solved the
-    program and the program does what the task says. All else speaks against the program.
+    Against the tests speak their own faults, and failures although the oracle solved a program that does as the task
+    says. All else speaks against the program.
 
     Args:
-        evidence: what was found out.
+        evidence: the parsed report.
         neglected: the assets that the task's words move and the program does not.
+
+    Returns:
+        Verdict and reason.
     """
-    return _decide_by_static_checks(evidence) or _decide_by_errors(evidence) or _decide_by_episode(evidence, neglected)
+    if (decided := _decide_by_static_checks(evidence)) is not None:
+        return decided
+    case = next((case for case in evidence.cases if case.where or case.outcome in _NO_CHECK), None)
+    if case is not None:
+        verdict = "fix_test" if case.where in ("tests", "") else "fix_code"
+        return verdict, f"{case.id} ended as {case.outcome}: {case.message or 'it checks nothing'}."
+    return _decide_by_episode(evidence, neglected)
 
 
 def _decide_by_static_checks(evidence: Evidence) -> tuple[str, str] | None:
@@ -43,14 +62,6 @@ def _decide_by_static_checks(evidence: Evidence) -> tuple[str, str] | None:
             error = ": ".join(evidence.errors[-1]) if evidence.errors else "see the report"
             return verdict, f"No test ran, the fault lies in the {program}: {error}."
     return None
-
-
-def _decide_by_errors(evidence: Evidence) -> tuple[str, str] | None:
-    case = next((case for case in evidence.cases if case.where or case.outcome in _NO_CHECK), None)
-    if case is None:
-        return None
-    verdict = "fix_test" if case.where in ("tests", "") else "fix_code"
-    return verdict, f"{case.id} ended as {case.outcome}: {case.message or 'it checks nothing'}."
 
 
 def _decide_by_episode(evidence: Evidence, neglected: tuple[str, ...]) -> tuple[str, str]:
@@ -75,9 +86,9 @@ def _decide_by_episode(evidence: Evidence, neglected: tuple[str, ...]) -> tuple[
 
 
 def _blame_program_for_missing_attributes(evidence: Evidence, prompt: PromptText) -> Evidence:
-    """The evidence with errors of the tests blamed on the program where its class lacks what the tests do not name.
+    """Blame the program for errors of the tests if its class lacks an attribute that the tests do not name.
 
-    So it is where ``__init__`` does not call the base: the first who uses the object is in the tests, or below them.
+    This is the case if ``__init__`` does not call the base: the first use of the object is in the tests, or below them.
     """
     title, tests = program_edits.find_task_class_name(prompt.section_body("program")), prompt.section_body("tests")
     cases: list[FailedTestCase] = []
@@ -86,17 +97,3 @@ def _blame_program_for_missing_attributes(evidence: Evidence, prompt: PromptText
         blamed = lacking is not None and lacking[1] not in tests
         cases.append(replace(case, where="simulation") if blamed else case)
     return replace(evidence, cases=tuple(cases))
-
-
-def _find_neglected_assets(prompt: PromptText, evidence: Evidence) -> tuple[str, ...]:
-    """The assets that the task's words move and that the program does not name, or no episode moved."""
-    task, used = prompt.section_json("task"), program_edits.find_asset_names(prompt.section_body("program"))
-    assets = {str(asset) for asset in task.get("assets-used", [])}
-    objects = [obj for obj in parse_scene_objects(prompt.section_json("scene")) if obj.asset in assets]
-    try:
-        wanted = {obj.asset for clause in parse_clauses(task, objects) for obj in clause.moved}
-    except UnplannableTaskError:
-        wanted = set[str]()
-    moved = {asset for oracle in evidence.oracles for asset in oracle.moved}
-    solved = any(oracle.has_solved_task for oracle in evidence.oracles)
-    return tuple(sorted((assets - used) | (wanted - moved if solved else set[str]())))

@@ -10,69 +10,59 @@ from grs_agents.models.offline.plan import (
     ZONE_HEIGHT,
     Family,
     Move,
-    Plan,
-    Rows,
+    PlacementPlan,
+    RowLayout,
     Table,
     Target,
     arrange_in_rows,
     list_row_arrangements,
 )
-from grs_agents.models.offline.prompt_text import COLORS, GAP, Rect, SceneObject, Vector, make_identifier
+from grs_agents.models.offline.prompt_text import COLORS, GAP, PromptObject, Rect, Vector, make_identifier
 
 PALETTE = ("green", "blue", "red", "yellow", "purple", "orange")
 
 
 @dataclass(frozen=True)
 class TaskRequest:
-    """What is asked for besides the objects to move."""
+    """Parameters of a task besides the objects to move."""
 
     color: str = "green"  # the colour of the first container or zone
-    containers: tuple[SceneObject, ...] = ()  # hollow objects of the scene that may serve as containers
-    criterion: str = ""  # how to tell objects apart, where that matters
+    containers: tuple[PromptObject, ...] = ()  # hollow objects of the scene that may serve as containers
+    criterion: str = ""  # property that separates objects, if needed
     margin: float = 1.0  # factor on the free space inside containers and zones
-    support: SceneObject | None = None  # the object of the scene that a stack is built on, where it stands
+    support: PromptObject | None = None  # the object of the scene that a stack is built on, where it stands
     ordered: bool = False  # whether a stack keeps the order in which the objects are given
     taken: tuple[Rect, ...] = ()  # all that stands on the table
 
 
-def plan_pack_task(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
-    """Everything into one container: one of the scene's where one fits, else a new one."""
+def plan_pack_task(objects: Sequence[PromptObject], request: TaskRequest) -> PlacementPlan | None:
+    """Put all objects into a container: a container of the scene if a suitable one exists, else a new container."""
     options = _list_arrangements_of_objects(objects, request)
     for container, rows in product(request.containers, options):
-        if _is_fitting_container(container, objects, rows):
+        inside = container.size[0] - 0.04 >= rows.width and container.size[1] - 0.04 >= rows.depth
+        free = not any(container.footprint_rect.overlaps(obj.footprint_rect, GAP) for obj in objects)
+        square = abs(container.orientation[2] * container.orientation[3]) < 0.04 or abs(container.orientation[2]) > 0.68
+        if inside and free and square and container.size[2] <= 0.12:
             target = _make_target_from_object(container)
-            return Plan("pack", (target,), _make_moves_to_rows(objects, target, rows, 0.01))
+            return PlacementPlan("pack", (target,), _make_moves_to_rows(objects, target, rows, 0.01))
     for rows in options:
-        if new := _place_new_container(objects, request, rows.width, rows.depth):
-            return Plan("pack", (new,), _make_moves_to_rows(objects, new, rows, WALL))
+        border = 2 * (WALL + GAP * request.margin)
+        height = round(min(0.08, max(0.04, 0.6 * min(obj.size[2] for obj in objects))), 3)
+        size = (_round_up_to_cm(rows.width + border), _round_up_to_cm(rows.depth + border), height)
+        if new := _place_new_target(
+            f"{request.color}_container", "container", size, request.color, _make_table_with_objects(objects, request)
+        ):
+            return PlacementPlan("pack", (new,), _make_moves_to_rows(objects, new, rows, WALL))
     return None
 
 
-def _is_fitting_container(container: SceneObject, objects: Sequence[SceneObject], rows: Rows) -> bool:
-    inside = container.size[0] - 0.04 >= rows.width and container.size[1] - 0.04 >= rows.depth
-    free = not any(container.footprint_rect.overlaps(obj.footprint_rect, GAP) for obj in objects)
-    square = abs(container.orientation[2] * container.orientation[3]) < 0.04 or abs(container.orientation[2]) > 0.68
-    return inside and free and square and container.size[2] <= 0.12
-
-
-def _make_target_from_object(obj: SceneObject) -> Target:
-    """An object of the scene as a place where it stands."""
+def _make_target_from_object(obj: PromptObject) -> Target:
+    """An object of the scene as a target at its place."""
     return Target(make_identifier(obj.name), "object", obj.size, obj.position[:2], obj.color, False, obj)
 
 
-def _place_new_container(
-    objects: Sequence[SceneObject], request: TaskRequest, width: float, depth: float
-) -> Target | None:
-    border = 2 * (WALL + GAP * request.margin)
-    height = round(min(0.08, max(0.04, 0.6 * min(obj.size[2] for obj in objects))), 3)
-    size = (_round_up_to_cm(width + border), _round_up_to_cm(depth + border), height)
-    return _place_new_target(
-        f"{request.color}_container", "container", size, request.color, _make_table_with_objects(objects, request)
-    )
-
-
-def plan_stack_task(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
-    """One upon the other on a zone, or on an object that stays where it is; the larger below the smaller."""
+def plan_stack_task(objects: Sequence[PromptObject], request: TaskRequest) -> PlacementPlan | None:
+    """Stack the objects on a zone, or on an object that keeps its place; the larger below the smaller."""
     said, base = [obj.label for obj in objects], [request.support] if request.support else []
     order = sorted(
         objects, key=lambda obj: (request.ordered * said.index(obj.label), -obj.size[0] * obj.size[1], obj.name)
@@ -90,11 +80,11 @@ def plan_stack_task(objects: Sequence[SceneObject], request: TaskRequest) -> Pla
     for obj in order:
         moves.append(Move(obj, target, (0.0, 0.0, height + obj.size[2] / 2)))
         height += obj.size[2]
-    return Plan("stack", (target,), tuple(moves), exact=True)
+    return PlacementPlan("stack", (target,), tuple(moves), exact=True)
 
 
-def _is_steady_stack(order: Sequence[SceneObject]) -> bool:
-    """Whether each object can rest on the one before it, and the cup gets over the last."""
+def _is_steady_stack(order: Sequence[PromptObject]) -> bool:
+    """Whether each object can rest on the previous object, and the cup clears the last."""
     for below, above in pairwise(order):
         wider = all(b >= a - 0.004 for a, b in zip(above.size[:2], below.size[:2], strict=True))
         if not wider or not below.is_flat_topped:
@@ -102,35 +92,29 @@ def _is_steady_stack(order: Sequence[SceneObject]) -> bool:
     return len(order) > 1 and sum(obj.size[2] for obj in order) <= 0.26
 
 
-def plan_sort_task(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
+def plan_sort_task(objects: Sequence[PromptObject], request: TaskRequest) -> PlacementPlan | None:
     """Each group, by colour or by category, onto a zone of its own."""
-    keys: dict[str, Callable[[SceneObject], str]] = {"color": lambda obj: obj.color, "kind": lambda obj: obj.category}
+    keys: dict[str, Callable[[PromptObject], str]] = {"color": lambda obj: obj.color, "kind": lambda obj: obj.category}
     criteria = [request.criterion] if request.criterion in keys else ["color", "kind"]
     for criterion in criteria:
-        groups: dict[str, list[SceneObject]] = {}
+        groups: dict[str, list[PromptObject]] = {}
         for obj in objects:
             groups.setdefault(keys[criterion](obj), []).append(obj)
         if 2 <= len(groups) <= 3 and all(groups):
-            return _plan_zone_per_group(objects, groups, criterion, request)
+            table, targets, moves = _make_table_with_objects(objects, request), list[Target](), list[Move]()
+            spare = [color for color in PALETTE if color not in groups]
+            for index, name in enumerate(sorted(groups)):
+                color = name if name in COLORS else spare[index % len(spare)]
+                layout = _place_zone_with_rows(groups[name], f"{color}_zone", color, table, request)
+                if layout is None:
+                    return None
+                targets.append(layout[0])
+                moves.extend(layout[1])
+            return PlacementPlan("sort", tuple(targets), tuple(moves), criterion)
     return None
 
 
-def _plan_zone_per_group(
-    objects: Sequence[SceneObject], groups: dict[str, list[SceneObject]], criterion: str, request: TaskRequest
-) -> Plan | None:
-    table, targets, moves = _make_table_with_objects(objects, request), list[Target](), list[Move]()
-    spare = [color for color in PALETTE if color not in groups]
-    for index, name in enumerate(sorted(groups)):
-        color = name if name in COLORS else spare[index % len(spare)]
-        layout = _place_zone_with_rows(groups[name], f"{color}_zone", color, table, request)
-        if layout is None:
-            return None
-        targets.append(layout[0])
-        moves.extend(layout[1])
-    return Plan("sort", tuple(targets), tuple(moves), criterion)
-
-
-def plan_line_task(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
+def plan_line_task(objects: Sequence[PromptObject], request: TaskRequest) -> PlacementPlan | None:
     """Side by side on a strip, from the shortest to the tallest."""
     order = sorted(objects, key=lambda obj: (obj.size[2], obj.name))
     if len(order) < 2:
@@ -141,19 +125,21 @@ def plan_line_task(objects: Sequence[SceneObject], request: TaskRequest) -> Plan
         f"{request.color}_strip", width, depth, request.color, _make_table_with_objects(objects, request)
     )
     return (
-        None if strip is None else Plan("line", (strip,), _make_moves_to_rows(order, strip, rows), "height", exact=True)
+        None
+        if strip is None
+        else PlacementPlan("line", (strip,), _make_moves_to_rows(order, strip, rows), "height", exact=True)
     )
 
 
-def plan_place_task(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
-    """Everything onto one zone."""
+def plan_place_task(objects: Sequence[PromptObject], request: TaskRequest) -> PlacementPlan | None:
+    """Put all objects onto a zone."""
     layout = _place_zone_with_rows(
         objects, f"{request.color}_zone", request.color, _make_table_with_objects(objects, request), request
     )
-    return None if layout is None else Plan("place", (layout[0],), layout[1])
+    return None if layout is None else PlacementPlan("place", (layout[0],), layout[1])
 
 
-def plan_distribute_task(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
+def plan_distribute_task(objects: Sequence[PromptObject], request: TaskRequest) -> PlacementPlan | None:
     """Each onto a mark of its own."""
     if not 2 <= len(objects) <= 4:
         return None
@@ -166,14 +152,17 @@ def plan_distribute_task(objects: Sequence[SceneObject], request: TaskRequest) -
             return None
         targets.append(layout[0])
         moves.extend(layout[1])
-    return Plan("match", tuple(targets), tuple(moves))
+    return PlacementPlan("match", tuple(targets), tuple(moves))
 
 
-def plan_clear_task(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
-    """Out of the area in which they stand, to a free part of the table."""
-    area = _bounding_rect([obj.footprint_rect for obj in objects])
-    own = [obj.footprint_rect for obj in objects]
-    staying = any(area.overlaps(rect) for rect in request.taken if rect not in own)
+def plan_clear_task(objects: Sequence[PromptObject], request: TaskRequest) -> PlacementPlan | None:
+    """Move objects out of their area to a free part of the table."""
+    rects = [obj.footprint_rect for obj in objects]
+    low = [min(r.x - r.width / 2 for r in rects) - GAP, min(r.y - r.depth / 2 for r in rects) - GAP]
+    high = [max(r.x + r.width / 2 for r in rects) + GAP, max(r.y + r.depth / 2 for r in rects) + GAP]
+    area = Rect((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, high[0] - low[0], high[1] - low[1])
+    moving = [obj.footprint_rect for obj in objects]
+    staying = any(area.overlaps(rect) for rect in request.taken if rect not in moving)
     if staying or any(obj.relocated for obj in objects) or max(area.width, area.depth) > 0.45:
         return None
     size = (_round_up_to_cm(area.width), _round_up_to_cm(area.depth), ZONE_HEIGHT)
@@ -183,18 +172,12 @@ def plan_clear_task(objects: Sequence[SceneObject], request: TaskRequest) -> Pla
     for rows in _list_arrangements_of_objects(objects, request):
         size = (_round_up_to_cm(rows.width + 2 * GAP), _round_up_to_cm(rows.depth + 2 * GAP), tallest)
         if free := _place_new_target("free_place", "free", size, "", table):
-            return Plan("clear", (spot, free), _make_moves_to_rows(objects, free, rows))
+            return PlacementPlan("clear", (spot, free), _make_moves_to_rows(objects, free, rows))
     return None
 
 
-def _bounding_rect(rects: Sequence[Rect]) -> Rect:
-    low = [min(r.x - r.width / 2 for r in rects) - GAP, min(r.y - r.depth / 2 for r in rects) - GAP]
-    high = [max(r.x + r.width / 2 for r in rects) + GAP, max(r.y + r.depth / 2 for r in rects) + GAP]
-    return Rect((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, high[0] - low[0], high[1] - low[1])
-
-
-def plan_exchange_task(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
-    """Two objects, each to where the other one stands; the oracle moves the first aside."""
+def plan_exchange_task(objects: Sequence[PromptObject], request: TaskRequest) -> PlacementPlan | None:
+    """Exchange the places of two objects; the oracle moves the first aside."""
     if len(objects) != 2:
         return None
     places = [
@@ -203,10 +186,10 @@ def plan_exchange_task(objects: Sequence[SceneObject], request: TaskRequest) -> 
     ]
     pairs = zip(objects, reversed(places), strict=True)
     moves = tuple(Move(obj, place, (0.0, 0.0, obj.size[2] / 2)) for obj, place in pairs)
-    return Plan("exchange", tuple(places), moves, exact=True)
+    return PlacementPlan("exchange", tuple(places), moves, exact=True)
 
 
-FAMILIES: dict[Family, Callable[[Sequence[SceneObject], TaskRequest], Plan | None]] = {
+FAMILIES: dict[Family, Callable[[Sequence[PromptObject], TaskRequest], PlacementPlan | None]] = {
     "pack": plan_pack_task,
     "stack": plan_stack_task,
     "sort": plan_sort_task,
@@ -218,12 +201,12 @@ FAMILIES: dict[Family, Callable[[Sequence[SceneObject], TaskRequest], Plan | Non
 }
 
 
-def _list_arrangements_of_objects(objects: Sequence[SceneObject], request: TaskRequest) -> list[Rows]:
+def _list_arrangements_of_objects(objects: Sequence[PromptObject], request: TaskRequest) -> list[RowLayout]:
     return list_row_arrangements([obj.size[:2] for obj in objects], GAP * request.margin)
 
 
 def _make_moves_to_rows(
-    objects: Sequence[SceneObject], target: Target, rows: Rows, floor: float = 0.0
+    objects: Sequence[PromptObject], target: Target, rows: RowLayout, floor: float = 0.0
 ) -> tuple[Move, ...]:
     """Each object to its place in the rows, standing ``floor`` metres above the table."""
     pairs = zip(objects, rows.offsets, strict=True)
@@ -231,7 +214,7 @@ def _make_moves_to_rows(
 
 
 def _place_zone_with_rows(
-    objects: Sequence[SceneObject], name: str, color: str, table: Table, request: TaskRequest
+    objects: Sequence[PromptObject], name: str, color: str, table: Table, request: TaskRequest
 ) -> tuple[Target, tuple[Move, ...]] | None:
     border = 2 * GAP * request.margin
     for rows in _list_arrangements_of_objects(objects, request):
@@ -253,7 +236,7 @@ def _place_new_target(
     return None if spot is None else Target(name, kind, size, spot, color, free=free)
 
 
-def _make_table_with_objects(objects: Sequence[SceneObject], request: TaskRequest) -> Table:
+def _make_table_with_objects(objects: Sequence[PromptObject], request: TaskRequest) -> Table:
     return Table([*request.taken, *(obj.footprint_rect for obj in objects)])
 
 

@@ -3,8 +3,8 @@
 import re
 from collections.abc import Sequence
 
-from grs_agents.models.offline.plan import Family, Plan
-from grs_agents.models.offline.prompt_text import COLORS, Rect, SceneObject
+from grs_agents.models.offline.plan import Family, PlacementPlan
+from grs_agents.models.offline.prompt_text import COLORS, PromptObject, Rect
 from grs_agents.models.offline.task_families import PALETTE, TaskRequest
 
 _FAMILY_WORDS: tuple[tuple[Family, str], ...] = (
@@ -29,8 +29,8 @@ _VERBS: dict[Family, str] = {
 }
 
 
-def task_name(plan: Plan) -> str:
-    """A kebab-case name that tells the family and some of the objects."""
+def task_name(plan: PlacementPlan) -> str:
+    """A kebab-case name with the family and some of the objects."""
     labels = list(dict.fromkeys(obj.label for obj in plan.moved_objects))
     what = "-and-".join(labels[:2]) + ("-and-more" if len(labels) > 2 else "")
     target = plan.targets[0]
@@ -40,8 +40,8 @@ def task_name(plan: Plan) -> str:
     return re.sub(r"[^a-z0-9]+", "-", f"{_VERBS[plan.family]}-{what}{how}{where}".lower()).strip("-")[:90].strip("-")
 
 
-def task_description(plan: Plan) -> str:
-    """One or two sentences that say when the task is done."""
+def task_description(plan: PlacementPlan) -> str:
+    """A task description in a sentence or two."""
     templates = {
         "pack": "Pick up {what} and put everything into the {where}.",
         "stack": "Stack {what} on the {where}, in this order from the bottom to the top.",
@@ -53,7 +53,12 @@ def task_description(plan: Plan) -> str:
         "exchange": "Let {what} exchange their places.",
     }
     what = format_label_list([obj.label for obj in plan.moved_objects])
-    where, placements = plan.targets[0].label, _describe_placements(plan)
+    parts: list[str] = []
+    for target in plan.targets:
+        labels = [move.obj.label for move in plan.moves if move.target is target]
+        if labels:
+            parts.append(f"{format_label_list(labels)} on the {target.label}")
+    where, placements = plan.targets[0].label, ", and ".join(filter(None, [", ".join(parts[:-1]), parts[-1]]))
     return templates[plan.family].format(what=what, where=where, note=plan.criterion, placements=placements)
 
 
@@ -70,12 +75,12 @@ def infer_task_family(name: str, description: str) -> Family:
 
 
 def parse_task_request(
-    text: str, support: SceneObject | None = None, margin: float = 1.0, taken: Sequence[Rect] = ()
+    text: str, support: PromptObject | None = None, margin: float = 1.0, taken: Sequence[Rect] = ()
 ) -> TaskRequest:
-    """The colour and the order that a task's words ask for, beside what is known of the table."""
+    """Parse the colour and the order from a task's words; the table is given."""
     colors = "|".join(COLORS)
     color = re.search(rf"\b({colors}) (?:container|zone|strip|area|mark|place|square)\b", text)
-    color = color or re.search(rf"\b({colors}) box\b", text)  # a box may also be one of the objects
+    color = color or re.search(rf"\b({colors}) box\b", text)  # a box may also be an object to move
     by_kind = "kind" if re.search(r"by (kind|category|type)", text) else ""
     return TaskRequest(
         color=color.group(1) if color else PALETTE[0],
@@ -91,9 +96,10 @@ def parse_task_request(
 def format_label_list(labels: Sequence[str]) -> str:
     """``the a, the b and the c``; equal labels are counted."""
     counts = {label: list(labels).count(label) for label in labels}
-    parts = [
-        f"the {label}" if count == 1 else f"the {count} {_pluralize_label(label)}" for label, count in counts.items()
-    ]
+    parts: list[str] = []
+    for label, count in counts.items():
+        plural = f"{label}es" if label.endswith(("s", "x", "ch", "sh")) else f"{label}s"
+        parts.append(f"the {label}" if count == 1 else f"the {count} {plural}")
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
 
 
@@ -102,19 +108,6 @@ NOT_MENTIONED = 1000
 
 
 def count_mentions(label: str, description: str) -> int:
-    """How many objects called ``label`` a description counts; very many where it does not mention them."""
+    """Number of objects called ``label`` in a description; ``NOT_MENTIONED`` if it does not mention them."""
     counts = re.findall(rf"\bthe (?:(\d+) )?{re.escape(label)}(?:e?s)?\b", description)
     return sum(int(number or 1) for number in counts) if counts else NOT_MENTIONED
-
-
-def _pluralize_label(label: str) -> str:
-    return f"{label}es" if label.endswith(("s", "x", "ch", "sh")) else f"{label}s"
-
-
-def _describe_placements(plan: Plan) -> str:
-    parts: list[str] = []
-    for target in plan.targets:
-        labels = [move.obj.label for move in plan.moves if move.target is target]
-        if labels:
-            parts.append(f"{format_label_list(labels)} on the {target.label}")
-    return ", and ".join(filter(None, [", ".join(parts[:-1]), parts[-1]]))

@@ -1,10 +1,12 @@
 """The test author and the test fixer."""
 
-from dataclasses import astuple
+import ast
+import math
+from dataclasses import astuple, dataclass
+from typing import Any
 
 from grs_agents.models.offline import program_edits
 from grs_agents.models.offline.prompt_text import Json, PromptText
-from grs_agents.models.offline.stated_moves import parse_stated_moves
 from grs_agents.models.offline.task_reading import find_assets_said_to_move
 
 _TEMPLATE = '''import unittest
@@ -111,6 +113,18 @@ if __name__ == "__main__":
 '''
 
 
+@dataclass(frozen=True)
+class StatedMove:
+    """A row of the program's ``moves``."""
+
+    asset: str
+    number: int  # which of the objects of that asset, from 0, in the order in which they are added
+    support: int | None  # which of the fixed things it goes to, from 0; None for a place on the table
+    place: tuple[float, float] | None  # x, y in the frame of that thing or of the robot, metres; None: drawn at random
+    extent: tuple[float, float] | None  # the extents of a zone around that thing that will do; None: just there
+    turned: float  # by how much that thing is turned about z against the frame of place and extents, rad
+
+
 def author_tests(prompt: PromptText) -> str:
     """Reply to the ``tests`` prompt: two tests of the oracle's behaviour."""
     return f"```python\n{fill_test_template(prompt.section_body('program'), prompt.section_json('task'))}```"
@@ -121,10 +135,10 @@ fix_tests = author_tests
 
 
 def fill_test_template(program: str, task: Json) -> str:
-    """The tests of a program and its task: what the program's own rows and the task's words say is moved."""
+    """The tests of a program and its task, for the moves in the program's own rows and in the task's words."""
     title = program_edits.find_task_class_name(program)
     description = str(task.get("task-description", "")).replace("\\", "").replace('"', "'")
-    rows = [astuple(move) for move in parse_stated_moves(program)]
+    rows = [astuple(move) for move in _parse_stated_moves(program)]
     stated = {row[0] for row in rows}
     rows += [(asset, 0, None, None, None, 0.0) for asset in find_assets_said_to_move(task) if asset not in stated]
     moves = "".join(f"\n    {row}," for row in rows)
@@ -133,3 +147,87 @@ def fill_test_template(program: str, task: Json) -> str:
         description=" ".join(description.split()),
         moves=f"[{moves}\n]" if rows else "[]",
     )
+
+
+def _parse_stated_moves(source: str) -> list[StatedMove]:
+    """The moves in their order; none in a program that is written another way."""
+    tree = program_edits.parse_syntax_tree(source) or ast.Module([], [])
+    values = {ast.unparse(node.targets[0]): node.value for node in ast.walk(tree) if isinstance(node, ast.Assign)}
+    rows, added = values.get("moves"), _find_added_objects(tree)
+    if not isinstance(rows, ast.List):
+        return []
+    is_zone = "metric='zone'" in [ast.unparse(node) for node in ast.walk(tree) if isinstance(node, ast.keyword)]
+    moves = [_parse_move_row(row, values, added, is_zone) for row in rows.elts if isinstance(row, ast.Tuple)]
+    return [move for move in moves if move is not None]
+
+
+def _find_added_objects(tree: ast.Module) -> list[tuple[str, str, str]]:
+    """The variable, asset and pose of each ``env.add_object`` in order, as source; no variable for a fixed object."""
+    calls = sorted(
+        (
+            node
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Assign | ast.Expr)
+            and isinstance(node.value, ast.Call)
+            and ast.unparse(node.value.func) == "env.add_object"
+            and len(node.value.args) > 1
+        ),
+        key=lambda node: node.lineno,
+    )
+    added: list[tuple[str, str, str]] = []
+    for node in calls:
+        call: Any = node.value
+        variable = ast.unparse(node.targets[0]) if isinstance(node, ast.Assign) else ""
+        added.append((variable, ast.unparse(call.args[0]).strip("'"), ast.unparse(call.args[1])))
+    return added
+
+
+def _parse_move_row(
+    row: ast.Tuple, values: dict[str, ast.expr], added: list[tuple[str, str, str]], is_zone: bool
+) -> StatedMove | None:
+    """Parse a row ``(variable, label, place, pose, size, offset, rotation)``; None for any other row."""
+    if len(row.elts) != 7:
+        return None
+    item, _, _, pose, size, offset, _ = row.elts
+    variable = ast.unparse(item)
+    asset = next((asset for name, asset, _ in added if name == variable), None)
+    if asset is None:
+        return None
+    alike = [name for name, added_asset, _ in added if added_asset == asset]
+    fixed = [where for name, _, where in added if not name]
+    at_pose = [where.lstrip("(").startswith(ast.unparse(pose)) for where in fixed]
+    support = at_pose.index(True) if any(at_pose) else None
+    # A named size is that of the whole zone; a literal size is that of the object's own spot, as its place is.
+    extents = _parse_literal(values.get(size.id)) if is_zone and isinstance(size, ast.Name) else None
+    origin, shift = _parse_literal(values.get(ast.unparse(pose))), _parse_literal(offset)
+    place = None  # drawn at random
+    if shift is not None and (support is not None or origin is not None):
+        x, y = (0.0, 0.0) if support is not None else origin[0][:2]
+        place = x + shift[0], y + shift[1]
+    extent = (extents[0], extents[1]) if extents else None
+    return StatedMove(
+        asset,
+        alike.index(variable),
+        support,
+        place,
+        extent,
+        _find_yaw_of_fixed(fixed[support]) if support is not None else 0.0,
+    )
+
+
+def _find_yaw_of_fixed(where: str) -> float:
+    """The yaw of a fixed object whose pose has a rotation of its own; else 0."""
+    pose = ast.parse(where, mode="eval").body
+    rotation = _parse_literal(pose.elts[1]) if isinstance(pose, ast.Tuple) and len(pose.elts) == 2 else None
+    if rotation is None:
+        return 0.0
+    x, y, z, w = rotation
+    return round(math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)), 4)
+
+
+def _parse_literal(node: ast.expr | None) -> Any:
+    """The numbers of a literal; None for an expression."""
+    try:
+        return None if node is None else ast.literal_eval(node)
+    except ValueError:
+        return None

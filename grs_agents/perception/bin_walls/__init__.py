@@ -1,1 +1,1 @@
-"""Where the photo shows the walls of a bin that the things lie in."""
+"""Walls of a bin around the objects, found in the photo."""

@@ -1,1 +1,1 @@
-"""Which asset stands for which object of a photo."""
+"""Matching of segments with assets, by features, by CLIP or by a model."""

@@ -1,11 +1,11 @@
-"""An index of assets on disk: the nearest of many thousands in milliseconds, opened without being read.
+"""Index of assets on disk for approximate nearest-neighbour search, memory-mapped.
 
-Only this module uses FAISS. Most vectors lie in an inverted file that is mapped into memory; those added since lie
-beside it and are compared one by one, until there are enough of them to sort all again.
+Only this module uses FAISS. Most vectors are in an inverted file that is mapped into memory; vectors added since are
+beside it and are searched exhaustively, until there are enough of them to build the inverted file again.
 
-An asset and a query each become one vector of words, look and size. Nothing is learnt and nothing is downloaded: words
-are hashed, looks projected, sizes encoded by random Fourier features (Rahimi and Recht 2007), so that a product of two
-vectors is the weighted sum of three similarities in 0..1.
+An asset and a query are each a vector of words, look and size. Nothing is learnt or downloaded: words are hashed, looks
+projected, sizes encoded by random Fourier features (Rahimi and Recht 2007), so that the product of two vectors is the
+weighted sum of three similarities in 0..1.
 """
 
 import hashlib
@@ -30,16 +30,17 @@ from grs_agents.perception.types import Array
 WORDS, LOOK, SIZE = 192, 96, 96
 DIMENSIONS = WORDS + LOOK + SIZE
 WEIGHTS = (0.45, 0.3, 0.25)  # of words, look and size; they add up to 1
-_WIDTH = 0.25  # sizes whose logarithms differ by so much are about as alike as not
+_WIDTH = 0.25  # standard deviation of the Gaussian kernel on log sizes
 Vectors = npt.NDArray[np.float32]
 
 
 def embed_object(
     description: str = "", look: npt.NDArray[np.float32] | None = None, size: Vec3 | None = None
 ) -> Vectors:
-    """The vector (DIMENSIONS,) of an object; what is not known of it counts as unlike everything.
+    """The vector (DIMENSIONS,) of an object; a missing part has similarity 0 to everything.
 
     Args:
+        description: in words.
         look: (BINS,) square roots of shares of tones (`color_histogram`); of several views their mean.
         size: extents in m, in any order.
     """
@@ -53,14 +54,14 @@ def embed_object(
 
 
 def embed_words(text: str) -> Array:
-    """(WORDS,) of length 1: each word, and each of its runs of four letters, adds to one place by its hash."""
-    found = np.zeros(WORDS)
+    """Unit vector (WORDS,): each word, and each of its runs of four letters, adds to the place of its hash."""
+    vector = np.zeros(WORDS)
     for word in re.findall(r"[a-z0-9]+", text.lower()):
         for token, weight in ((word, 1.0), *((word[i : i + 4], 0.25) for i in range(len(word) - 3))):
             place, sign = _hash_token(token)
-            found[place] += sign * weight
-    length = float(np.linalg.norm(found))
-    return found / length if length else found
+            vector[place] += sign * weight
+    length = float(np.linalg.norm(vector))
+    return vector / length if length else vector
 
 
 @lru_cache(maxsize=65536)
@@ -70,9 +71,9 @@ def _hash_token(token: str) -> tuple[int, float]:
 
 
 def embed_color_histogram(look: npt.NDArray[np.floating[Any]]) -> Array:
-    """(..., LOOK) of length 1, of square roots of shares of tones (..., BINS)."""
-    found = look.astype(np.float64) @ _random_projection_matrix()
-    return found / np.maximum(np.linalg.norm(found, axis=-1, keepdims=True), 1e-12)
+    """Unit vectors (..., LOOK): random projections of square roots of shares of tones (..., BINS)."""
+    projected = look.astype(np.float64) @ _random_projection_matrix()
+    return projected / np.maximum(np.linalg.norm(projected, axis=-1, keepdims=True), 1e-12)
 
 
 @lru_cache(maxsize=1)
@@ -81,9 +82,9 @@ def _random_projection_matrix() -> Array:
 
 
 def embed_sizes(sizes: Array) -> Array:
-    """(..., SIZE) of length 1 for extents (..., 3) in m in any order.
+    """Unit vectors (..., SIZE) of extents (..., 3) in m in any order.
 
-    A product of two is near a Gaussian of how much the logarithms of the sizes differ.
+    The product of two approximates a Gaussian kernel on the logarithms of the sizes.
     """
     phases = np.log(np.sort(np.maximum(sizes, 1e-4), axis=-1)) @ _random_fourier_frequencies()
     return np.concatenate([np.cos(phases), np.sin(phases)], axis=-1) / np.sqrt(SIZE / 2)
@@ -95,14 +96,14 @@ def _random_fourier_frequencies() -> Array:
 
 
 _META, _VERSION = "index.json", 1
-_FEW: Final = 2000  # so few vectors are compared one by one
-_SORTED_AGAIN: Final = 0.1  # share of all that may lie beside the inverted file
-_PROBED: Final = 0.12  # share of the lists that is looked into
-_TRAINED: Final = 64  # vectors for each list from which the lists are learnt
+_FEW: Final = 2000  # up to this number vectors are searched exhaustively
+_SORTED_AGAIN: Final = 0.1  # largest share of vectors beside the inverted file
+_PROBED: Final = 0.12  # share of the lists that is searched
+_TRAINED: Final = 64  # training vectors for each list
 
 
 class _Meta(Frozen):
-    """What the index holds: ``base`` vectors in the inverted file, ``beside`` of them after it; gone ones by name."""
+    """Metadata: number of vectors in the inverted file and beside it, and the row numbers of removed names."""
 
     version: int = _VERSION
     dimensions: int = DIMENSIONS
@@ -113,11 +114,25 @@ class _Meta(Frozen):
 
 
 class AssetIndex:
-    """Names and vectors in a folder, made with the first `add`; InputError if it holds another or a broken index."""
+    """Names and vectors in a folder, created by the first `add`.
+
+    Raises:
+        InputError: the folder holds a broken index, an index of another version, or other files.
+    """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self._meta = _read_metadata(folder)
+        self._meta = _Meta()
+        file = folder / _META
+        if file.exists():
+            try:
+                self._meta = _Meta.model_validate_json(file.read_text(encoding="utf-8"))
+            except (OSError, ValidationError) as error:
+                raise _broken_index_error(folder, error) from error
+            if (self._meta.version, self._meta.dimensions) != (_VERSION, DIMENSIONS):
+                raise InputError(f"{folder} holds an index of another version", "delete it and index again")
+        elif folder.is_dir() and any(folder.iterdir()):
+            raise InputError(f"{folder} holds no index, but other things", "name an empty folder or one with an index")
         self._open_index_files()
 
     def __len__(self) -> int:
@@ -127,17 +142,25 @@ class AssetIndex:
         return isinstance(name, str) and name in self._row_numbers_by_name()
 
     def names(self) -> list[str]:
-        """Every name, in the order of adding."""
+        """All names, in the order of adding."""
         gone = set(self._meta.removed)
         return [name for number, name in enumerate(self._names) if number not in gone]
 
     def add(self, names: Sequence[str], vectors: Vectors) -> None:
-        """Add vectors (N, DIMENSIONS), or replace those of the same names. Whole or not at all, if it is interrupted.
+        """Add vectors (N, DIMENSIONS), or replace those of the same names; atomic.
 
         Raises:
-            InputError: their numbers differ, a number is not finite, or the folder cannot be written.
+            InputError: the shapes disagree, a name comes twice, a number is not finite, or the folder is
+                read-only.
         """
-        _check_names_and_vectors(names, vectors)
+        if vectors.shape != (len(names), DIMENSIONS):
+            raise InputError(
+                f"{len(names)} names and vectors {vectors.shape}", f"give one of {DIMENSIONS} for each name"
+            )
+        if len(set(names)) != len(names):
+            raise InputError("a name is given twice", "give each name once")
+        if not np.isfinite(vectors).all():
+            raise InputError("a vector holds a number that is not finite", "leave that asset out")
         places = self._row_numbers_by_name()
         gone = tuple(sorted({*self._meta.removed, *(places[name] for name in names if name in places)}))
         if len(names) > max(_FEW, _SORTED_AGAIN * self._meta.base):
@@ -149,42 +172,42 @@ class AssetIndex:
             _overwrite_file_tail(
                 self._index_file_path("f32"), vectors.astype("<f4").tobytes(), 4 * DIMENSIONS * self._meta.beside
             )
-            told = "".join(json.dumps(name, ensure_ascii=False) + "\n" for name in names)
+            added = "".join(json.dumps(name, ensure_ascii=False) + "\n" for name in names)
             known = "".join(json.dumps(name, ensure_ascii=False) + "\n" for name in self._names[self._meta.base :])
-            _overwrite_file_tail(self._index_file_path("beside"), told.encode(), len(known.encode()))
+            _overwrite_file_tail(self._index_file_path("beside"), added.encode(), len(known.encode()))
         except OSError as error:
             raise unwritable_error(self.folder, error) from error
         self._save_metadata_and_reopen(self._meta.model_copy(update={"beside": beside, "removed": gone}))
 
     def remove(self, names: Sequence[str]) -> None:
-        """Forget names; those that are not there are passed over."""
+        """Remove names; unknown names are ignored."""
         places = self._row_numbers_by_name()
         gone = {*self._meta.removed, *(places[name] for name in names if name in places)}
         self._save_metadata_and_reopen(self._meta.model_copy(update={"removed": tuple(sorted(gone))}))
 
     @property
     def needs_compaction(self) -> bool:
-        """So much lies beside the inverted file, or is gone from it, that `compact` would make searches faster."""
+        """Whether enough vectors are beside the inverted file, or removed, that `compact` speeds up searches."""
         extra = self._meta.beside + len(self._meta.removed)
         return extra > max(_FEW, _SORTED_AGAIN * self._meta.base)
 
     def compact(self) -> None:
-        """Sort everything into a new inverted file, without what was removed."""
+        """Build a new inverted file without the removed vectors."""
         self._rebuild_inverted_file((), np.zeros((0, DIMENSIONS), np.float32), self._meta.removed)
 
     def search(self, query: Vectors, count: int = 20) -> list[tuple[str, float]]:
         """The names whose vectors have the largest product with ``query`` (DIMENSIONS,), the largest first."""
         gone = set(self._meta.removed)
-        asked = np.ascontiguousarray(query, dtype=np.float32).reshape(1, -1)
+        query = np.ascontiguousarray(query, dtype=np.float32).reshape(1, -1)
         found: list[tuple[float, int]] = []
         if self._base is not None:
-            values, numbers = self._base.search(asked, count + min(len(gone), 4 * count))
+            values, numbers = self._base.search(query, count + min(len(gone), 4 * count))
             found += [(float(v), int(n)) for v, n in zip(values[0], numbers[0], strict=True) if n >= 0]
         if len(self._beside):
-            near = self._beside @ asked[0]
+            near = self._beside @ query[0]
             first = np.argsort(-near, kind="stable")[: count + len(gone)]
             found += [(float(near[n]), self._meta.base + int(n)) for n in first]
-        found = sorted((one for one in found if one[1] not in gone), key=lambda one: (-one[0], one[1]))[:count]
+        found = sorted((item for item in found if item[1] not in gone), key=lambda item: (-item[0], item[1]))[:count]
         return [(self._names[number], value) for value, number in found]
 
     def _row_numbers_by_name(self) -> dict[str, int]:
@@ -193,22 +216,21 @@ class AssetIndex:
             self._numbers = {name: number for number, name in enumerate(self._names) if number not in gone}
         return self._numbers
 
-    def _read_all_vectors(self) -> Vectors:
-        if self._base is None:
-            return self._beside
-        self._base.make_direct_map()
-        return np.concatenate([np.asarray(self._base.reconstruct_n(0, self._meta.base), np.float32), self._beside])
-
     def _rebuild_inverted_file(self, names: Sequence[str], vectors: Vectors, gone: Sequence[int]) -> None:
-        """Sort all into a new inverted file; the old one stays until the new one is whole."""
+        """Build a new inverted file of all vectors; the old file stays until the new file is complete."""
         kept = np.setdiff1d(np.arange(len(self._names)), gone)
-        everything = np.concatenate([self._read_all_vectors()[kept], np.asarray(vectors, np.float32)])
-        told = [*(self._names[int(number)] for number in kept), *names]
-        old, meta = self._meta, _Meta(generation=self._meta.generation + 1, base=len(told))
+        earlier = self._beside
+        if self._base is not None:
+            self._base.make_direct_map()
+            base = np.asarray(self._base.reconstruct_n(0, self._meta.base), np.float32)
+            earlier = np.concatenate([base, self._beside])
+        everything = np.concatenate([earlier[kept], np.asarray(vectors, np.float32)])
+        all_names = [*(self._names[int(number)] for number in kept), *names]
+        old, meta = self._meta, _Meta(generation=self._meta.generation + 1, base=len(all_names))
         self.folder.mkdir(parents=True, exist_ok=True)
         write_bytes(self._index_file_path("faiss", meta), _build_inverted_file(everything))
         write_text(
-            self._index_file_path("names", meta), "\n".join(json.dumps(name, ensure_ascii=False) for name in told)
+            self._index_file_path("names", meta), "\n".join(json.dumps(name, ensure_ascii=False) for name in all_names)
         )
         self._save_metadata_and_reopen(meta)
         for kind in ("faiss", "names", "f32", "beside"):
@@ -225,7 +247,14 @@ class AssetIndex:
     def _open_index_files(self) -> None:
         meta = self._meta
         self._numbers: dict[str, int] | None = None
-        self._base: Any = _open_memory_mapped_index(self._index_file_path("faiss")) if meta.base else None
+        self._base: Any = None
+        if meta.base:
+            faiss = _import_faiss()
+            try:
+                self._base = faiss.read_index(str(self._index_file_path("faiss")), faiss.IO_FLAG_MMAP)
+            except RuntimeError as error:
+                raise _broken_index_error(self.folder, error) from error
+            self._base.nprobe = max(1, round(_PROBED * self._base.nlist))
         self._names = _read_names(self._index_file_path("names"), meta.base) + _read_names(
             self._index_file_path("beside"), meta.beside
         )
@@ -239,7 +268,7 @@ class AssetIndex:
 
 
 def _import_faiss() -> Any:
-    """The bindings, which come without types."""
+    """The bindings, which are untyped."""
     try:
         return import_module("faiss")
     except ImportError as error:
@@ -247,7 +276,7 @@ def _import_faiss() -> Any:
 
 
 def _build_inverted_file(vectors: Vectors) -> bytes:
-    """An inverted file of vectors, as bytes."""
+    """The serialised inverted file of vectors (N, DIMENSIONS)."""
     faiss = _import_faiss()
     lists = max(1, round(float(np.sqrt(len(vectors)))))
     coarse = faiss.IndexFlatIP(DIMENSIONS)
@@ -257,31 +286,6 @@ def _build_inverted_file(vectors: Vectors) -> bytes:
     index.train(np.ascontiguousarray(vectors[chosen]))
     index.add(np.ascontiguousarray(vectors))
     return bytes(faiss.serialize_index(index))
-
-
-def _open_memory_mapped_index(file: Path) -> Any:
-    faiss = _import_faiss()
-    try:
-        index = faiss.read_index(str(file), faiss.IO_FLAG_MMAP)
-    except RuntimeError as error:
-        raise _broken_index_error(file.parent, error) from error
-    index.nprobe = max(1, round(_PROBED * index.nlist))
-    return index
-
-
-def _read_metadata(folder: Path) -> _Meta:
-    file = folder / _META
-    if not file.exists():
-        if folder.is_dir() and any(folder.iterdir()):
-            raise InputError(f"{folder} holds no index, but other things", "name an empty folder or one with an index")
-        return _Meta()
-    try:
-        meta = _Meta.model_validate_json(file.read_text(encoding="utf-8"))
-    except (OSError, ValidationError) as error:
-        raise _broken_index_error(folder, error) from error
-    if (meta.version, meta.dimensions) != (_VERSION, DIMENSIONS):
-        raise InputError(f"{folder} holds an index of another version", "delete it and index again")
-    return meta
 
 
 def _broken_index_error(folder: Path, error: Exception) -> InputError:
@@ -301,18 +305,9 @@ def _read_names(file: Path, count: int) -> list[str]:
 
 
 def _overwrite_file_tail(file: Path, data: bytes, begin: int) -> None:
-    """Write at ``begin``: what an interrupted writer left behind it is written over."""
+    """Truncate a file at ``begin``, where an interrupted writer may have left data, and append."""
     file.touch()
     with file.open("r+b") as stream:
         stream.truncate(begin)
         stream.seek(begin)
         stream.write(data)
-
-
-def _check_names_and_vectors(names: Sequence[str], vectors: Vectors) -> None:
-    if vectors.shape != (len(names), DIMENSIONS):
-        raise InputError(f"{len(names)} names and vectors {vectors.shape}", f"give one of {DIMENSIONS} for each name")
-    if len(set(names)) != len(names):
-        raise InputError("a name is given twice", "give each name once")
-    if not np.isfinite(vectors).all():
-        raise InputError("a vector holds a number that is not finite", "leave that asset out")

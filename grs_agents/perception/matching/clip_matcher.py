@@ -16,17 +16,17 @@ from grs_agents.perception.matching.feature_matcher import TOLD, matchable_asset
 from grs_agents.perception.matching.types import MatchRequest, MatchResult, Segment
 from grs_agents.perception.types import Array, MatchEvidence, RGBDFrame
 
-LEAST = 0.5  # what is less similar than this to every asset is no object (paper, Table 1)
-VIEWS = 3
-_MARGIN = 0.1
+LEAST = 0.5  # a candidate less similar than this to every asset is no object (paper, Table 1)
+VIEWS = 3  # random views of an asset
+_MARGIN = 0.1  # around a crop, share of its longer side
 Picture = npt.NDArray[np.uint8]
 
 
 class Embedder(Protocol):
-    """What turns pictures into vectors."""
+    """Embeds pictures as vectors."""
 
     def __call__(self, pictures: Sequence[Picture]) -> Array:
-        """(N, D) vectors of length 1 of pictures (H, W, 3), red, green, blue."""
+        """Unit vectors (N, D) of pictures (H, W, 3), red, green, blue."""
         ...
 
 
@@ -77,21 +77,31 @@ def match_by_clip(request: MatchRequest, library: Library, embedder: Embedder) -
     """
     assets = matchable_assets(library)
     if not assets or not request.segments:
-        return MatchResult({one.id: MatchEvidence(match="no_asset", method="match_clip") for one in request.segments})
+        return MatchResult(
+            {segment.id: MatchEvidence(match="no_asset", method="match_clip") for segment in request.segments}
+        )
     rng = np.random.default_rng(request.seed)
-    views = np.stack([_embed_asset_views(asset.name, library, embedder, rng) for asset in assets])
-    crops = embedder([crop_segment(request.frame, one) for one in request.segments])
-    ranked, names = rank_assets_per_segment(request, library), [asset.name for asset in assets]
+    views: list[Array] = []  # for each asset the mean vector (D,) of its views on white, of length 1
+    for asset in assets:
+        pictures: list[Picture] = []
+        for view in render_asset_views(library, asset.name, random_view_directions(VIEWS, rng)):
+            cover = view.rgba[:, :, 3:].astype(np.float64) / 255
+            pictures.append(np.asarray(view.rgba[:, :, :3] * cover + 255 * (1 - cover), np.uint8))
+        mean = embedder(pictures).mean(axis=0)
+        views.append(np.asarray(mean / max(float(np.linalg.norm(mean)), 1e-12), np.float64))
+    crops = embedder([crop_segment(request.frame, segment) for segment in request.segments])
+    ranking, names = rank_assets_per_segment(request, library), [asset.name for asset in assets]
+    similarities = crops @ np.stack(views).T
     return MatchResult(
         {
-            one.id: _build_match_evidence(names, alike, ranked[one.id][0])
-            for one, alike in zip(request.segments, crops @ views.T, strict=True)
+            segment.id: _evidence_from_similarity(names, similarity, ranking[segment.id][0])
+            for segment, similarity in zip(request.segments, similarities, strict=True)
         }
     )
 
 
 def crop_segment(frame: RGBDFrame, segment: Segment) -> Picture:
-    """The segment's rectangle of the photo with a margin, as it is."""
+    """The segment's rectangle of the photo with a margin, unmasked."""
     rows, columns = np.nonzero(segment.mask)
     if not len(rows):
         raise InputError(f"candidate {segment.id} has no pixels", "segment the photo again")
@@ -100,25 +110,21 @@ def crop_segment(frame: RGBDFrame, segment: Segment) -> Picture:
     return np.ascontiguousarray(frame.rgb[top : int(rows.max()) + pad, left : int(columns.max()) + pad])
 
 
-def _embed_asset_views(name: str, library: Library, embedder: Embedder, rng: np.random.Generator) -> Array:
-    """The mean (D,) of the vectors of three random views on white, of length 1."""
-    pictures: list[Picture] = []
-    for view in render_asset_views(library, name, random_view_directions(VIEWS, rng)):
-        cover = view.rgba[:, :, 3:].astype(np.float64) / 255
-        pictures.append(np.asarray(view.rgba[:, :, :3] * cover + 255 * (1 - cover), np.uint8))
-    mean = embedder(pictures).mean(axis=0)
-    return np.asarray(mean / max(float(np.linalg.norm(mean)), 1e-12), np.float64)
-
-
-def _build_match_evidence(names: Sequence[str], alike: Array, ranked: RankedAssets) -> MatchEvidence:
-    """The most similar asset; how likely it is the right one is told by what was measured, not by the similarity."""
-    order: list[int] = np.argsort(-alike, kind="stable")[:TOLD].tolist()
-    scores = {names[index]: round(float(alike[index]), 4) for index in order}
-    best, similarity = names[order[0]], float(alike[order[0]])
+def _evidence_from_similarity(names: Sequence[str], similarity: Array, ranked: RankedAssets) -> MatchEvidence:
+    """The most similar asset; its confidence comes from the measured features, not from the similarity (A,)."""
+    order: list[int] = np.argsort(-similarity, kind="stable")[:TOLD].tolist()
+    scores = {names[index]: round(float(similarity[index]), 4) for index in order}
+    best, highest = names[order[0]], float(similarity[order[0]])
     others = [name for name in scores if name != best]
-    if similarity < LEAST:
-        reason = f"its picture is {similarity:.2f} like {best} at most, below {LEAST}"
+    if highest < LEAST:
+        reason = f"its picture is {highest:.2f} like {best} at most, below {LEAST}"
         return MatchEvidence(match="no_object", method="match_clip", scores=scores, runner_up=best, reason=reason)
-    reason, runner_up = f"its picture is {similarity:.2f} like the asset's views", others[0] if others else None
-    found = MatchEvidence(match="asset", asset=best, method="match_clip", runner_up=runner_up, reason=reason)
-    return found.model_copy(update={"scores": scores, "confidence": round(ranked.confidence_of(best), 4)})
+    return MatchEvidence(
+        match="asset",
+        asset=best,
+        method="match_clip",
+        confidence=round(ranked.confidence_of(best), 4),
+        scores=scores,
+        runner_up=others[0] if others else None,
+        reason=f"its picture is {highest:.2f} like the asset's views",
+    )

@@ -1,7 +1,7 @@
-"""How likely it is that a named asset is the right one, where the library may lack what the photo shows.
+"""Confidence in a matched asset, where the library may lack the object of the photo.
 
-A logistic regression (Platt 1999) on what speaks for the asset: its likelihood among the assets that were tried, the
-margin to the best that looks otherwise, how its colours and its pattern agree, and by how much the object is larger.
+Logistic regression (Platt 1999) on the likelihood among the tried assets, the margin to the best asset of another look,
+the agreement of colours and pattern, and the excess of the object's size.
 """
 
 import numpy as np
@@ -10,40 +10,39 @@ from grs_agents.perception.types import Array, Mask
 
 INPUTS = ("log odds", "margin", "agreement", "pattern", "large")
 COEFFICIENTS = (-3.6, 0.57, 0.237, 2.33, 3.69, -1.1)
-"""The constant and the weight of each input, fitted by ``grs eval confidence --fit`` to synthesised scenes of which the
-library holds 23 % of what the segments show (seeds 75000, 76000, 77000, 79000: 164 scenes of 15 objects in a bin, as
-they are and with half of their assets taken out of the library; segments of ``segment_rgbd``)."""
+"""The constant and the weight of each input, fitted by ``grs eval confidence --fit`` to synthesised scenes; the library
+holds the objects of 23 % of their segments (seeds 75000, 76000, 77000, 79000: 164 scenes of 15 objects in a bin, with
+all and with half of their assets in the library; segments of ``segment_rgbd``)."""
 _FITTING = 4.0
-"""So many times higher are the odds of an asset that fits what was measured: of 130 in the scenes of seed 78000 98.5 %
-were right, where their confidence without that was .91."""
-_FARTHEST = 5.0  # a margin in natural logarithms beyond this says no more: few assets have the shape
+"""Factor of the odds of an asset that fits the measured size after registration: of 130 in the scenes of seed 78000
+98.5 % were right, at a mean confidence of .91 before."""
+_FARTHEST = 5.0  # bound on the margin (natural logarithm): few assets have the shape
 _LEAST = 1e-6
 
 
 def confidence_inputs(likelihoods: Array, alike: Mask, agreement: Array, pattern: Array, large: Array) -> Array:
-    """(P, len(INPUTS)) what speaks for each of the assets that were tried for a candidate.
+    """Inputs (P, len(INPUTS)) of the regression for each tried asset.
 
     Args:
         likelihoods: (P,) of each beside the others and none of them.
-        alike: (P, P) which of them look the same: what is said of one is said of all of them.
-        agreement: (P,) share of the pixels whose colour is the asset's.
-        pattern: (P,) how much better its pattern explains them than one colour.
-        large: (P,) by how much the candidate is larger: sum of logarithms.
+        alike: (P, P) pairs of the same look, whose likelihoods add up.
+        agreement: (P,) share of the pixels that have the asset's colour.
+        pattern: (P,) log ratio of the misfits of a plain colour and of its pattern.
+        large: (P,) excess of the candidate's size: sum of log ratios.
     """
-    own = np.clip(alike @ likelihoods, _LEAST, 1 - _LEAST)
+    likelihood = np.clip(alike @ likelihoods, _LEAST, 1 - _LEAST)
     rival = np.maximum(np.where(alike, 0.0, likelihoods).max(axis=1, initial=0.0), _LEAST)
-    margin = np.clip(np.log(own / rival), -_FARTHEST, _FARTHEST)
-    return np.column_stack([np.log(own / (1 - own)), margin, agreement, pattern, large])
+    margin = np.clip(np.log(likelihood / rival), -_FARTHEST, _FARTHEST)
+    return np.column_stack([np.log(likelihood / (1 - likelihood)), margin, agreement, pattern, large])
 
 
 def asset_confidences(inputs: Array) -> Array:
-    """(P,) the probability that each asset is the right one, from its inputs (P, len(INPUTS))."""
+    """Probabilities (P,) of assets to be right, from their inputs (P, len(INPUTS))."""
     constant, *weights = COEFFICIENTS
     return np.asarray(1 / (1 + np.exp(-(constant + inputs @ np.array(weights)))), np.float64)
 
 
 def confidence_of_fitting_asset(confidence: float) -> float:
-    """The probability that a named asset is right, given that before it was registered; it was, and has the size that
-    was measured."""
+    """The confidence in a registered asset of the measured size, from its confidence before registration."""
     odds = _FITTING * confidence / max(1 - confidence, _LEAST)
     return round(odds / (1 + odds), 4)

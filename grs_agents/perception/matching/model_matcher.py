@@ -1,4 +1,4 @@
-"""The matches that a model decides: among all assets, or among those that features propose."""
+"""Match by a model: it chooses among all assets, or among the likeliest by features."""
 
 from collections.abc import Sequence
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from grs_agents.library.asset import Asset
 from grs_agents.library.library import Library
-from grs_agents.perception.matching.feature_matcher import TOLD, matchable_assets, rank_assets_per_segment
+from grs_agents.perception.matching.feature_matcher import matchable_assets, rank_assets_per_segment, round_scores
 from grs_agents.perception.matching.types import MatchRequest, MatchResult
 from grs_agents.perception.types import MatchEvidence, Shown
 
@@ -16,32 +16,29 @@ def match_by_model(
 ) -> MatchResult:
     """Ask the model about each candidate among all assets, with its description (``worded``) or its picture or both."""
     assets = matchable_assets(library)
-    matches = {
-        one.id: request.ask(one, shuffle_assets_for_prompt(assets, request.seed, one.id), worded, pictured).model_copy(
-            update={"method": method}
-        )
-        for one in request.segments
-    }
+    matches: dict[int, MatchEvidence] = {}
+    for segment in request.segments:
+        shown = shuffle_assets_for_prompt(assets, request.seed, segment.id)
+        answer = request.ask(segment, shown, worded, pictured)
+        matches[segment.id] = answer.model_copy(update={"method": method})
     return MatchResult(matches)
 
 
 def match_by_features_and_model(request: MatchRequest, library: Library, method: str) -> MatchResult:
-    """Ask the model about each candidate among the likeliest assets; it may still answer that it is none of them."""
+    """Ask the model about each candidate among the likeliest assets; it may still reject all of them."""
     matches: dict[int, MatchEvidence] = {}
-    ranked = rank_assets_per_segment(request, library)
-    for one in request.segments:
-        proposed, _ = ranked[one.id]
-        scores = {
-            name: round(value, 4) for name, value in zip(proposed.names[:TOLD], proposed.likelihoods, strict=False)
-        }
+    ranking = rank_assets_per_segment(request, library)
+    for segment in request.segments:
+        ranked, _ = ranking[segment.id]
+        scores = round_scores(ranked)
         assets = [library.asset(name) for name in scores]
-        said = request.ask(one, shuffle_assets_for_prompt(assets, request.seed, one.id), True, True)
-        others = [name for name in scores if name != said.asset]
-        matches[one.id] = said.model_copy(
+        answer = request.ask(segment, shuffle_assets_for_prompt(assets, request.seed, segment.id), True, True)
+        others = [name for name in scores if name != answer.asset]
+        matches[segment.id] = answer.model_copy(
             update={
                 "method": method,
                 "scores": scores,
-                "confidence": round(proposed.confidence_of(said.asset), 4) if said.asset else None,
+                "confidence": round(ranked.confidence_of(answer.asset), 4) if answer.asset else None,
                 "runner_up": others[0] if others else None,
             }
         )
@@ -49,9 +46,11 @@ def match_by_features_and_model(request: MatchRequest, library: Library, method:
 
 
 def shuffle_assets_for_prompt(assets: Sequence[Asset], seed: int, number: int) -> list[Shown]:
-    """Assets as a model is told of them, in an order drawn for each candidate, so that none gains by its position."""
+    """The rows of assets in a prompt, in an order drawn for each candidate, so that no asset gains by its position."""
     order = np.random.default_rng((seed, number)).permutation(len(assets))
     return [
-        Shown(name=one.name, description=one.description, color=one.color, category=one.category, size=one.size)
-        for one in (assets[int(index)] for index in order)
+        Shown(
+            name=asset.name, description=asset.description, color=asset.color, category=asset.category, size=asset.size
+        )
+        for asset in (assets[int(index)] for index in order)
     ]

@@ -1,4 +1,4 @@
-"""What a match tool is given and what it answers."""
+"""Request and result of a match tool."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,40 +14,40 @@ class Segment:
 
     id: int  # its number
     mask: Mask  # (H, W) its pixels
-    upright: UprightBox  # the box measured of it, robot frame
-    crop: Path  # picture file of it
-    points: int  # how many of its pixels have a depth
+    upright: UprightBox  # its measured box, robot frame
+    crop: Path  # its picture file
+    points: int  # number of its pixels with depth
 
 
 Ask = Callable[[Segment, Sequence[Shown], bool, bool], MatchEvidence]
-"""Ask the model of the role ``match``: about a segment, among assets in this order, with its description or not, with
-its picture or not. A model that gives no usable reply answers ``no_asset`` with what was wrong as the reason."""
+"""Ask the model of the role ``match``. Arguments: the segment, the assets in the order of the prompt, with or without
+its description, with or without its picture. Without a usable reply the answer is ``no_asset`` with the reason."""
 
 
 @dataclass(frozen=True)
 class MatchRequest:
     """The candidates of a photo."""
 
-    segments: Sequence[Segment]  # what is to be matched
-    frame: RGBDFrame  # frame, table: the photo and its pose
-    table: TableFrame
+    segments: Sequence[Segment]
+    frame: RGBDFrame  # the photo
+    table: TableFrame  # the table in it
     ask: Ask  # asks a model, for the tools that need one
     seed: int = 0  # of the order in which assets are shown to a model
     model: str | None = None  # folder of the weights that a tool needs, if any
-    ocr: bool = True  # read what is printed, where a tool can
-    sized: bool = True  # go by size and place; false only to measure what they are worth
-    index: str | None = None  # folder of an index of the library, for one too large to compare everything
+    ocr: bool = True  # read printed text, where the tool can
+    sized: bool = True  # use size and place; false only in ablations
+    index: str | None = None  # folder of an index of the library, if it is too large to compare every asset
 
 
 @dataclass(frozen=True)
 class MatchResult:
-    """One answer for each segment, by its number; and what a reader of the scene should know."""
+    """The answers of a match tool."""
 
-    matches: dict[int, MatchEvidence]
-    notes: tuple[str, ...] = ()
+    matches: dict[int, MatchEvidence]  # for each segment, by its number
+    notes: tuple[str, ...] = ()  # for a reader of the scene
 
 
 def require_match_request(request: Any) -> MatchRequest:
-    """The request of a match tool as what it is."""
+    """Narrow the type of a match tool's request."""
     assert isinstance(request, MatchRequest)
     return request

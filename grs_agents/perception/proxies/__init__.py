@@ -1,1 +1,1 @@
-"""Objects that no asset fits: shapes made from what the camera saw, in free space."""
+"""Proxies of objects without an asset: meshes, colliders, and the clipping of estimated volumes."""

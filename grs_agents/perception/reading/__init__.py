@@ -1,1 +1,1 @@
-"""Read a scene from a folder, a data set, an archive or a photo; what is wrong with it is refused by InputError."""
+"""Readers of a scene from a folder, a data set, an archive or a photo; faults are refused by InputError."""

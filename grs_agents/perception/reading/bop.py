@@ -8,7 +8,7 @@ from typing import Any, cast
 from grs_agents.base.errors import InputError
 from grs_agents.base.foreign.files import is_folder, list_folder_names, path_exists, read_json
 from grs_agents.perception.reading.camera import camera_from_matrix
-from grs_agents.perception.reading.frame_assembly import RecordedDepth, Recording
+from grs_agents.perception.reading.frame_assembly import RecordedDepth, SceneRecording
 from grs_agents.perception.reading.picture import SUFFIXES, read_color_picture, read_depth_picture
 
 PREFIX = "bop:"
@@ -18,18 +18,18 @@ METRES_PER_MILLIMETRE = 0.001
 
 @dataclass(frozen=True)
 class BopImage:
-    """One image of a scene folder."""
+    """An image of a scene folder."""
 
     scene: Path  # the folder with ``scene_camera.json``
     number: int  # of the image
 
     @property
     def file_stem(self) -> str:
-        """What its files' names begin with."""
+        """Common beginning of its files' names."""
         return f"{self.number:06d}"
 
     def find_picture_file(self, *folders: str) -> Path | None:
-        """Its file in the first of these folders that holds one."""
+        """Its file in the first of these folders that has it."""
         for folder in folders:
             for suffix in SUFFIXES:
                 file = self.scene / folder / f"{self.file_stem}{suffix}"
@@ -52,17 +52,14 @@ def parse_bop_source(source: Path) -> BopImage:
     for folder in (scene, scene.with_name(scene.name.zfill(6)) if scene.name else scene):
         if is_folder(folder):
             return BopImage(folder, number)
-    raise InputError(f"{source}: there is no scene folder {scene}", _suggest_other_scenes(scene.parent))
-
-
-def _suggest_other_scenes(split: Path) -> str:
-    """What to write instead of a scene that a split has not."""
+    split = scene.parent
     names = [name for name in list_folder_names(split) if is_folder(split / name)] if is_folder(split) else []
-    return f"use one of {', '.join(names[:8])}{', ...' if len(names) > 8 else ''}" if names else f"write {FORM}"
+    remedy = f"use one of {', '.join(names[:8])}{', ...' if len(names) > 8 else ''}" if names else f"write {FORM}"
+    raise InputError(f"{source}: there is no scene folder {scene}", remedy)
 
 
-def read_bop_image(source: Path) -> Recording:
-    """Read an image with its camera and, if it has one, its depth."""
+def read_bop_image(source: Path) -> SceneRecording:
+    """Read an image with its camera and, if present, its depth."""
     image = parse_bop_source(source)
     file = image.scene / "scene_camera.json"
     entry = find_image_entry(read_json(file, "name a scene folder of a data set in the BOP format"), image.number, file)
@@ -74,18 +71,23 @@ def read_bop_image(source: Path) -> Recording:
     picture = read_color_picture(color)
     size = (picture.rgb.shape[1], picture.rgb.shape[0])
     depth = image.find_picture_file("depth")
-    scale = _read_depth_scale(entry, where) if depth is not None else METRES_PER_MILLIMETRE
+    scale = METRES_PER_MILLIMETRE
+    if depth is not None:
+        stated = entry.get("depth_scale")
+        if not isinstance(stated, int | float) or not 0 < stated < 1e6:
+            raise InputError(f"depth_scale of {where} is {str(stated)[:40]}", "give the millimetres per unit of depth")
+        scale = float(stated) * METRES_PER_MILLIMETRE
     camera = camera_from_matrix(entry.get("cam_K"), size, f"cam_K of {where}", depth_scale=scale)
     if depth is None:
-        return Recording(source, picture, camera)
+        return SceneRecording(source, picture, camera)
     measured = RecordedDepth(
         read_depth_picture(depth), scale, str(depth), f"depth_scale of {where} (there in millimetres)"
     )
-    return Recording(source, picture, camera, measured)
+    return SceneRecording(source, picture, camera, measured)
 
 
 def find_image_entry(entries: Mapping[str, Any], number: int, file: Path) -> dict[str, Any]:
-    """What a file of a BOP scene says of an image."""
+    """The entry of an image in a file of a BOP scene."""
     entry = entries.get(str(number))
     if entry is None:
         numbers = sorted(int(key) for key in entries if key.isascii() and key.isdigit() and len(key) < 10)
@@ -94,11 +96,3 @@ def find_image_entry(entries: Mapping[str, Any], number: int, file: Path) -> dic
     if not isinstance(entry, dict):
         raise InputError(f"{file}: image {number} is no object", "get the data set again")
     return cast(dict[str, Any], entry)
-
-
-def _read_depth_scale(entry: Mapping[str, Any], where: str) -> float:
-    """Metres per unit of depth; the format tells millimetres."""
-    given = entry.get("depth_scale")
-    if not isinstance(given, int | float) or not 0 < given < 1e6:
-        raise InputError(f"depth_scale of {where} is {str(given)[:40]}", "give the millimetres per unit of depth")
-    return float(given) * METRES_PER_MILLIMETRE

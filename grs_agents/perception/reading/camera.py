@@ -1,4 +1,4 @@
-"""The camera of a scene: read, checked, and told again for a picture of another size."""
+"""Camera of a scene: reading, checking, scaling to a picture of another size."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ MEANINGS = {
     "T_robot_cam": "4x4, from the camera frame (x right, y down, z forward) to the robot frame, metres",
     "joints": "positions of the arm's joints in the photo, rad, base first",
 }
-"""What the keys of camera.json mean, for errors."""
+"""Meanings of the keys of camera.json, for errors."""
 _OTHER_NAMES = {
     "width": "image_width",
     "height": "image_height",
@@ -42,43 +42,63 @@ ALIASES = {name: key for key, names in _OTHER_NAMES.items() for name in names.sp
 DISTORTION_KEYS = ("d", "distortion", "distortion_coefficients", "dist_coeffs", "coeffs", "k1", "k2", "k3", "p1", "p2")
 CONVENTION_KEYS = ("convention", "axes", "coordinate_system", "camera_convention")
 OPENCV_NAMES = ("opencv", "cv", "ros_optical", "optical")
-LARGEST = 1e9  # no value of an intrinsic matrix is larger
+LARGEST = 1e9  # bound on the values of an intrinsic matrix
 INTRINSICS = ("fx", "fy", "cx", "cy", "width", "height")
 SMALLEST_CHECKED = 16  # pixels; the principal point of a smaller picture may lie within 0..1
 OTHER_SIZES = (0.25, 1 / 3, 0.5, 1.5, 2.0, 3.0, 4.0)
-"""Sizes of another stream or of the original picture, by which intrinsics of a wrong picture are off."""
+"""Ratios between the sizes of sensor streams, by which intrinsics of a wrong picture are off."""
 FULL_FRAME_DIAGONAL = 43.267
-"""Of 35 mm film, in millimetres: focal lengths "in 35 mm" are told for this diagonal (CIPA DC-008)."""
+"""Diagonal of 35 mm film, mm, to which "35 mm equivalent" focal lengths refer (CIPA DC-008)."""
 
 
 @dataclass(frozen=True)
 class DepthUnit:
-    """What ``depth_scale`` is taken to be where ``camera.json`` does not say it."""
+    """Default of ``depth_scale`` if ``camera.json`` does not state it."""
 
     scale: float | None  # metres per unit, ``None`` if it cannot be inferred
-    reason: str = ""  # why, for a note or for the error; nothing where it goes without saying
+    reason: str = ""  # for a note or an error; empty for the obvious unit
 
 
 @dataclass(frozen=True)
 class CameraFile:
-    """A camera, and what a reader of the scene should know about its file."""
+    """A camera, and notes on its file."""
 
     camera: Camera
     notes: tuple[str, ...] = ()
 
 
 def read_camera_file(file: Path, unit: DepthUnit | None = None) -> CameraFile:
-    """Read ``camera.json``; ``unit`` is that of the depth where the file says nothing of it.
+    """Read ``camera.json``; ``unit`` is the default unit of depth.
 
-    ``K`` may stand for ``fx fy cx cy``. Keys that are not known go into the notes, unless they seem to mean a key
-    that is missing, or something that would change the result: those are refused.
+    ``K`` may replace ``fx fy cx cy``. Unknown keys go into the notes; refused are those that seem to mean a missing key
+    or would change the result.
 
     Raises:
         InputError: it cannot be read, is not JSON, or a value is missing, not finite or absurd; the lens is distorted;
-            or a key seems to be another name of one that is missing.
+            or a key seems to be another name of a missing key.
     """
-    values = read_json(file, f"put camera.json there, with {KEYS}")
-    values, notes = _filter_known_keys(values, str(file))
+    given = read_json(file, f"put camera.json there, with {KEYS}")
+    values: dict[str, Any] = {key: value for key, value in given.items() if key in Camera.model_fields}
+    unused: list[str] = []
+    for key, value in given.items():
+        name = key.lower()
+        if name == "k":
+            where = f"{file}: {key}"
+            intrinsics = intrinsics_from_matrix(value, where)
+            for part, number in intrinsics.items():
+                if part in given and given[part] != number:
+                    found = f"{where} says {part} = {number:g}, but {part} = {given[part]!a:.40}"
+                    raise InputError(found, "leave one of them out")
+            values |= intrinsics
+        elif key not in Camera.model_fields:
+            undistorted = name in DISTORTION_KEYS and (
+                value is None or all(type(item) in (int, float) and item == 0 for item in _flatten_list(value))
+            )
+            opencv = name in CONVENTION_KEYS and isinstance(value, str) and value.lower() in OPENCV_NAMES
+            if not undistorted and not opencv:
+                _refuse_meaningful_key(key, value, given, str(file))
+                unused.append(f"{key[:40]!a}")
+    notes = [f"camera.json: not used: {', '.join(unused[:12])}"] if unused else []
     if unit is not None and "depth_scale" not in values:
         if unit.scale is None:
             raise InputError(f"{file}: depth_scale is missing, and {unit.reason}", DEPTH_SCALE_REMEDY)
@@ -87,72 +107,27 @@ def read_camera_file(file: Path, unit: DepthUnit | None = None) -> CameraFile:
     return CameraFile(camera_from_values(values, str(file)), tuple(notes))
 
 
-def _filter_known_keys(values: Mapping[str, Any], where: str) -> tuple[dict[str, Any], list[str]]:
-    """The values under the keys of `Camera`, and notes on the keys that say nothing to it."""
-    known = {key: value for key, value in values.items() if key in Camera.model_fields}
-    unused: list[str] = []
-    for key, value in values.items():
-        if key.lower() == "k":
-            known |= _read_consistent_intrinsics(value, values, f"{where}: {key}")
-        elif key not in Camera.model_fields and not _is_ignorable_key(key.lower(), value):
-            if problem := _find_unknown_key_error(key, value, values, where):
-                raise problem
-            unused.append(f"{key[:40]!a}")
-    return known, [f"camera.json: not used: {', '.join(unused[:12])}"] if unused else []
-
-
-def _is_ignorable_key(name: str, value: object) -> bool:
-    """Whether an unknown key says what is taken for granted: no distortion, OpenCV's axes."""
-    return (name in DISTORTION_KEYS and _is_zero_or_none(value)) or (
-        name in CONVENTION_KEYS and isinstance(value, str) and value.lower() in OPENCV_NAMES
-    )
-
-
-def _find_unknown_key_error(key: str, value: object, values: Mapping[str, Any], where: str) -> InputError | None:
-    """What is wrong with an unknown key, if passing over it would change the result."""
+def _refuse_meaningful_key(key: str, value: object, values: Mapping[str, Any], where: str) -> None:
+    """Refuse an unknown key that would change the result, or seems to mean a missing key."""
     name = key.lower()
     if name in DISTORTION_KEYS:
-        return InputError(
+        raise InputError(
             f"{where}: {key} = {value!a:.80} says that the lens is distorted; whether the pictures are "
             "rectified already cannot be told",
             f"rectify colour and depth (ROS: image_rect), give the camera of those pictures, and leave {key} out",
         )
     if name in CONVENTION_KEYS and "T_robot_cam" in values:
-        return InputError(
+        raise InputError(
             f"{where}: {key} = {value!a:.40}, but T_robot_cam is taken to be from OpenCV's camera axes "
             "(x right, y down, z forward)",
             f"from OpenGL's axes, negate its second and third columns; then leave {key} out",
         )
-    meant = _guess_intended_key(name)
-    if meant is None or meant in values or (meant == "K" and "fx" in values):
-        return None
-    remedy = f"give {meant}: {MEANINGS[meant]}; or leave {key[:40]!a} out"
-    return InputError(f"{where}: unknown key {key[:40]!a}, and {meant} is missing", remedy)
-
-
-def _guess_intended_key(name: str) -> str | None:
-    """The key of `Camera` for which a lower-case ``name`` is another spelling."""
-    if name in ALIASES:
-        return ALIASES[name]
-    spelt = {key.lower(): key for key in Camera.model_fields if len(key) > 2}
-    close = get_close_matches(name, spelt, 1, 0.8)
-    return spelt[close[0]] if close else None
-
-
-def _is_zero_or_none(value: object) -> bool:
-    """Whether this is 0, nothing, or a list of zeros."""
-    return value is None or all(type(one) in (int, float) and one == 0 for one in _flatten_list(value))
-
-
-def _read_consistent_intrinsics(matrix: object, values: Mapping[str, Any], where: str) -> dict[str, float]:
-    """``fx fy cx cy`` of the intrinsic matrix; what ``values`` say of them must agree."""
-    intrinsics = intrinsics_from_matrix(matrix, where)
-    other = [key for key in intrinsics if key in values and values[key] != intrinsics[key]]
-    if other:
-        key = other[0]
-        remedy = "leave one of them out"
-        raise InputError(f"{where} says {key} = {intrinsics[key]:g}, but {key} = {values[key]!a:.40}", remedy)
-    return intrinsics
+    spelt = {field.lower(): field for field in Camera.model_fields if len(field) > 2}
+    close = [] if name in ALIASES else get_close_matches(name, spelt, 1, 0.8)
+    meant = spelt[close[0]] if close else ALIASES.get(name)
+    if meant is not None and meant not in values and not (meant == "K" and "fx" in values):
+        remedy = f"give {meant}: {MEANINGS[meant]}; or leave {key[:40]!a} out"
+        raise InputError(f"{where}: unknown key {key[:40]!a}, and {meant} is missing", remedy)
 
 
 def camera_from_values(values: Mapping[str, Any], where: str) -> Camera:
@@ -162,29 +137,16 @@ def camera_from_values(values: Mapping[str, Any], where: str) -> Camera:
         InputError: a value is missing, not finite or absurd; the principal point is a share of the picture or that of a
             picture of another size.
     """
-    _refuse_shares_of_picture(values, where)
-    try:
-        camera = Camera.model_validate(dict(values))
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"][:1])
-        given = f" = {str(first['input'])[:80]}" if key and first["type"] != "missing" else ""
-        remedy = f"give every one of {KEYS}, finite; T_robot_cam if calibrated, joints as a list of rad"
-        problem = first["msg"].removeprefix("Value error, ")
-        raise InputError(f"{where}: {key}{given}{': ' if key else ''}{problem}", remedy) from error
-    _refuse_center_of_another_picture(camera, where)
-    return camera
-
-
-def _refuse_shares_of_picture(values: Mapping[str, Any], where: str) -> None:
-    """Refuse intrinsics that are told as shares of the picture's width and height, as ARKit and some SDKs do."""
-    given = {key: values.get(key) for key in INTRINSICS}
+    stated = {key: values.get(key) for key in INTRINSICS}
     numbers = {
-        key: float(value) for key, value in given.items() if isinstance(value, int | float) and abs(value) < LARGEST
+        key: float(value) for key, value in stated.items() if isinstance(value, int | float) and abs(value) < LARGEST
     }
-    if len(numbers) < len(INTRINSICS) or min(numbers["width"], numbers["height"]) < SMALLEST_CHECKED:
-        return
-    if 0 < numbers["cx"] <= 1 and 0 < numbers["cy"] <= 1:
+    if (  # intrinsics as shares of the picture's width and height, as ARKit and some SDKs give them
+        len(numbers) == len(INTRINSICS)
+        and min(numbers["width"], numbers["height"]) >= SMALLEST_CHECKED
+        and 0 < numbers["cx"] <= 1
+        and 0 < numbers["cy"] <= 1
+    ):
         width, height = numbers["width"], numbers["height"]
         remedy = f"give pixels: ({numbers['cx'] * width:g}, {numbers['cy'] * height:g})"
         if max(numbers["fx"], numbers["fy"]) < 10:
@@ -194,26 +156,32 @@ def _refuse_shares_of_picture(values: Mapping[str, Any], where: str) -> None:
             "the picture, not pixels",
             remedy,
         )
-
-
-def _refuse_center_of_another_picture(camera: Camera, where: str) -> None:
-    """Refuse intrinsics whose principal point is the centre of a picture of another size."""
-    width, height = camera.width, camera.height
-    factors = (2 * camera.cx + 1) / width, (2 * camera.cy + 1) / height
+    try:
+        camera = Camera.model_validate(dict(values))
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"][:1])
+        given = f" = {str(first['input'])[:80]}" if key and first["type"] != "missing" else ""
+        remedy = f"give every one of {KEYS}, finite; T_robot_cam if calibrated, joints as a list of rad"
+        problem = first["msg"].removeprefix("Value error, ")
+        raise InputError(f"{where}: {key}{given}{': ' if key else ''}{problem}", remedy) from error
+    # A principal point at the centre of a picture of another usual size. A crop moves it too, but hardly ever along the
+    # diagonal by a usual factor.
+    factors = (2 * camera.cx + 1) / camera.width, (2 * camera.cy + 1) / camera.height
     factor = sum(factors) / 2
-    # A crop moves the point too, but hardly ever along the diagonal by a usual factor.
     usual = min(OTHER_SIZES, key=lambda size: abs(size - factor))
     if max(abs(each - usual) for each in factors) < 0.05 * usual:
-        fits = f"{round(width * usual)}x{round(height * usual)}"
+        fits = f"{round(camera.width * usual)}x{round(camera.height * usual)}"
         raise InputError(
             f"{where}: the principal point ({camera.cx:g}, {camera.cy:g}) is the centre of a picture of {fits}, "
-            f"not of this one of {width}x{height}",
+            f"not of this one of {camera.width}x{camera.height}",
             f"divide fx, fy, cx and cy by {usual:.3g}, or give width and height of the picture that they belong to",
         )
+    return camera
 
 
 def camera_from_matrix(matrix: object, size: tuple[int, int], where: str, **more: Any) -> Camera:
-    """The camera with intrinsic matrix K of a picture of ``size`` (width, height); ``more`` are other fields of it."""
+    """The camera with intrinsic matrix K of a picture of ``size`` (width, height), and ``more`` fields."""
     values = {**intrinsics_from_matrix(matrix, where), "width": size[0], "height": size[1], **more}
     return camera_from_values(values, where)
 
@@ -222,7 +190,7 @@ def intrinsics_from_matrix(matrix: object, where: str) -> dict[str, float]:
     """``fx fy cx cy`` of the intrinsic matrix K, three rows of three numbers or nine numbers row by row."""
     rows = f"{where} = {str(matrix)[:80]} is not [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
     remedy = "give the 3x3 intrinsic matrix of a pinhole camera, in pixels"
-    flat = [float(one) for one in _flatten_list(matrix) if isinstance(one, int | float) and abs(one) < LARGEST]
+    flat = [float(item) for item in _flatten_list(matrix) if isinstance(item, int | float) and abs(item) < LARGEST]
     if len(flat) != 9:
         raise InputError(rows, remedy)
     fx, skew, cx, zero, fy, cy, *last = flat
@@ -232,9 +200,9 @@ def intrinsics_from_matrix(matrix: object, where: str) -> dict[str, float]:
 
 
 def _flatten_list(value: object) -> list[object]:
-    """What is in a list, or in a list of lists, in order; anything else is one item."""
+    """Items of a list, or of a list of lists, in order; any other value is a single item."""
     rows = cast(list[object], value) if isinstance(value, list) else [value]
-    return [one for row in rows for one in (cast(list[object], row) if isinstance(row, list) else [row])]
+    return [item for row in rows for item in (cast(list[object], row) if isinstance(row, list) else [row])]
 
 
 def camera_from_focal_length(focal: float, size: tuple[int, int], where: str) -> Camera:
@@ -245,13 +213,13 @@ def camera_from_focal_length(focal: float, size: tuple[int, int], where: str) ->
 
 
 def focal_length_from_35mm(millimetres: float, size: tuple[int, int]) -> float:
-    """A focal length told for 35 mm film, in pixels of a picture of ``size``."""
+    """A 35 mm equivalent focal length, in pixels of a picture of ``size``."""
     width, height = size
     return millimetres / FULL_FRAME_DIAGONAL * (width * width + height * height) ** 0.5
 
 
 def scale_camera_to_size(camera: Camera, width: int, height: int) -> Camera:
-    """The same camera for its picture scaled to another size; pixel centres are at whole numbers."""
+    """The camera of the picture scaled to another size; pixel centres are at whole numbers."""
     across, down = width / camera.width, height / camera.height
     focal = {"fx": camera.fx * across, "fy": camera.fy * down}
     center = {"cx": (camera.cx + 0.5) * across - 0.5, "cy": (camera.cy + 0.5) * down - 0.5}

@@ -1,8 +1,8 @@
-"""Scenes that somebody else made: their files are decoded in a worker, and what it answers is checked."""
+"""Untrusted scenes: a worker decodes their files, and its answer is checked."""
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -16,21 +16,21 @@ from grs_agents.base.foreign.files import is_folder, list_folder_names, path_exi
 from grs_agents.base.foreign.pictures import MOST_PIXELS
 from grs_agents.perception.reading import point_cloud
 from grs_agents.perception.reading.bop import PREFIX, is_bop_source, parse_bop_source
-from grs_agents.perception.reading.frame_assembly import MOST_FRAME_PIXELS, Recording
+from grs_agents.perception.reading.frame_assembly import MOST_FRAME_PIXELS, SceneRecording
 from grs_agents.perception.reading.masks import MOST_MASKS, STEMS, Labels, read_masks
 from grs_agents.perception.reading.photo_without_depth import Estimator
-from grs_agents.perception.reading.picture import SUFFIXES, Picture
+from grs_agents.perception.reading.picture import SUFFIXES, ColorPicture
 from grs_agents.perception.reading.scene_folder import is_scene_file_name
 from grs_agents.perception.reading.scene_source import check_scene_source, finish_recording, read_scene
 from grs_agents.perception.types import Camera, RGBDFrame
-from grs_agents.sandbox.host.foreign_reader import ForeignReader, Reading
+from grs_agents.sandbox.host.foreign_reader import ForeignReader, WorkerReply
 
 _WORKER = "grs_agents.perception.reading.worker"
 _MOST_LINKS = 1_000
-"""Links to files outside a scene's folder that are followed."""
+"""Bound on the followed links to files outside a scene's folder."""
 _TARGETS = frozenset((*SUFFIXES, *point_cloud.SUFFIXES, ".npz", ".json"))
 _HASH = re.compile("[0-9a-f]{30,64}")
-"""Name of a file in a store by content (Hugging Face, DVC), to which the folders of data sets link."""
+"""Name of a file in a content-addressed store (Hugging Face, DVC), a usual target of links in data sets."""
 
 
 class _Photo(BaseModel):
@@ -44,7 +44,7 @@ class _Photo(BaseModel):
 
 
 class _Scene(BaseModel):
-    """What the worker says of the scene, beside its pixels."""
+    """The worker's answer, beside the pixels."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -58,7 +58,7 @@ class _Scene(BaseModel):
 def read_foreign_scene(
     source: Path, estimate: Estimator | None = None, field_of_view: float | None = None
 ) -> RGBDFrame:
-    """As `read_scene`, in a worker that holds no keys and can open nothing but the scene; shipped scenes are read here.
+    """As `read_scene`, in a worker without keys that can open only the scene; shipped scenes are read in process.
 
     Raises:
         InputError: as `read_scene`; or reading it takes more memory or time than a scene needs.
@@ -66,7 +66,16 @@ def read_foreign_scene(
     check_scene_source(source)
     if _is_shipped(source):
         return read_scene(source, estimate, field_of_view)
-    links = _find_linked_files(source, _list_scene_files(source))
+    home = _find_home(source)
+    if is_bop_source(source):
+        image = parse_bop_source(source)
+        pictures = image.find_picture_file("rgb", "gray"), image.find_picture_file("depth")
+        files = [home / "scene_camera.json", *(file for file in pictures if file is not None)]
+    elif is_folder(source):
+        files = [home / name for name in list_folder_names(home) if is_scene_file_name(name)]
+    else:
+        files = [home / "camera.json"]
+    links = _find_linked_files(home, files)
     reading = _read_in_worker(source, {}, links)
     linked = tuple(f"{link} is a link to {target}, outside the scene's folder" for link, target in links.items())
     try:
@@ -76,9 +85,8 @@ def read_foreign_scene(
             raise ValueError("too many pixels")
         rgb = np.frombuffer(reading.blobs["rgb"], np.uint8).reshape(scene.rows, scene.columns, 3).copy()
         if scene.photo is not None:
-            said = scene.photo
-            file = Path(_name_as_given(said.file, source))
-            picture = Picture(file, rgb, said.orientation, said.focal_35mm)
+            file = Path(_name_as_given(scene.photo.file, source))
+            picture = ColorPicture(file, rgb, scene.photo.orientation, scene.photo.focal_35mm)
         else:
             depth = np.frombuffer(reading.blobs["depth"], np.float32).reshape(scene.rows, scene.columns).copy()
             if scene.camera is None or not (np.isfinite(depth).all() and (depth >= 0).all()):
@@ -90,7 +98,7 @@ def read_foreign_scene(
     except (ValidationError, ValueError, KeyError) as error:
         raise InputError(f"{source} cannot be read: the worker's answer is no scene", "try again") from error
     notes = tuple(_name_as_given(note[:2_000], source) for note in scene.notes)
-    recording = Recording(source, picture, scene.camera, notes=(*notes, *linked))
+    recording = SceneRecording(source, picture, scene.camera, notes=(*notes, *linked))
     return finish_recording(recording, estimate, field_of_view)
 
 
@@ -98,7 +106,18 @@ def read_foreign_masks(source: Path, shape: tuple[int, int]) -> Labels:
     """As `read_masks`, in a worker."""
     if _is_shipped(source):
         return read_masks(source, shape)
-    links = _find_linked_files(source, _list_mask_files(source))
+    home = _find_home(source)
+    files: list[Path] = []  # the masks, and the folders that hold them
+    folders: list[Path] = []
+    start = ""
+    if is_bop_source(source):
+        start, folders = f"{parse_bop_source(source).file_stem}_", [home / "mask_visib"]
+    elif is_folder(source) or source.suffix.lower() != ".npz":
+        files = [home / name for name in list_folder_names(home) if Path(name).stem.lower() in STEMS]
+        folders = [file for file in files if not file.is_symlink()]
+    for folder in filter(is_folder, folders):
+        files += [folder / name for name in list_folder_names(folder) if name.startswith(start)]
+    links = _find_linked_files(home, files)
     reading = _read_in_worker(source, {"shape": list(shape)}, links)
     try:
         labels = np.frombuffer(reading.blobs["labels"], np.int32).reshape(shape).copy()
@@ -107,32 +126,32 @@ def read_foreign_masks(source: Path, shape: tuple[int, int]) -> Labels:
     return np.clip(labels, 0, MOST_MASKS)
 
 
-def _read_in_worker(source: Path, request: dict[str, Any], links: dict[Path, Path]) -> Reading:
+def _read_in_worker(source: Path, request: dict[str, Any], links: dict[Path, Path]) -> WorkerReply:
     try:
         if is_bop_source(source) or is_folder(source):
             readable = [_find_home(source)]
         elif "shape" in request and source.suffix.lower() != ".npz":
-            readable = [source.parent]  # among whose names the masks of a photo are looked for
+            readable = [source.parent]  # the masks of a photo lie beside it
         else:
             readable = [source]
             if (camera := source.parent / "camera.json").is_file() and camera not in links and not camera.is_symlink():
                 readable.append(camera)
-        with ForeignReader([*readable, *links.values()], [_WORKER]) as reader:
-            return reader.read(_WORKER, {**request, "source": str(_absolute(source))}, str(source))
+        with ForeignReader(_WORKER, [*readable, *links.values()]) as reader:
+            return reader.read({**request, "source": str(_absolute(source))}, str(source))
     except InputError as error:
         message, remedy = (_name_as_given(text, source) for text in (error.message, error.remedy))
         raise InputError(message, remedy) from error
 
 
 def _absolute(source: Path) -> Path:
-    """The worker has another folder to work in."""
+    """The source by an absolute path: the worker has another working directory."""
     if is_bop_source(source):
         return Path(f"{PREFIX}{Path(str(source).removeprefix(PREFIX)).absolute()}")
     return source.absolute()
 
 
 def _name_as_given(text: str, source: Path) -> str:
-    """A text in which files are named as the user named the scene."""
+    """A text with file names as the user gave them."""
     given = Path(str(source).removeprefix(PREFIX))
     text = text.replace(str(_absolute(source)), str(source)).replace(str(given.absolute()), str(given))
     return text.replace(f"{given.absolute().parent}/", "" if str(given.parent) == "." else f"{given.parent}/")
@@ -146,47 +165,19 @@ def _is_shipped(source: Path) -> bool:
 
 
 def _find_home(source: Path) -> Path:
-    """The folder of a scene; that in which its file lies."""
+    """The folder of a scene, or of its file."""
     if is_bop_source(source):
         return parse_bop_source(source).scene
     return source if is_folder(source) else source.parent
 
 
-def _list_scene_files(source: Path) -> Iterator[Path]:
-    """The files that a scene may be read from, links among them, without a file that the user named."""
-    home = _find_home(source)
-    if is_bop_source(source):
-        image = parse_bop_source(source)
-        yield home / "scene_camera.json"
-        yield from filter(None, (image.find_picture_file("rgb", "gray"), image.find_picture_file("depth")))
-    elif is_folder(source):
-        yield from (home / name for name in list_folder_names(home) if is_scene_file_name(name))
-    else:
-        yield home / "camera.json"
-
-
-def _list_mask_files(source: Path) -> Iterator[Path]:
-    """The files that the masks of a scene may be read from, and the folders that hold them."""
-    home = _find_home(source)
-    if is_bop_source(source):
-        start, folders = f"{parse_bop_source(source).file_stem}_", [home / "mask_visib"]
-    elif not is_folder(source) and source.suffix.lower() == ".npz":
-        return
-    else:
-        found = [home / name for name in list_folder_names(home) if Path(name).stem.lower() in STEMS]
-        yield from found
-        start, folders = "", [file for file in found if not file.is_symlink()]
-    for folder in filter(is_folder, folders):
-        yield from (folder / name for name in list_folder_names(folder) if name.startswith(start))
-
-
-def _find_linked_files(source: Path, files: Iterator[Path]) -> dict[Path, Path]:
-    """The files outside the scene's folder that ``files`` lead to, by link.
+def _find_linked_files(folder: Path, files: Iterable[Path]) -> dict[Path, Path]:
+    """Targets outside the scene's ``folder`` of the ``files`` that are links.
 
     Raises:
-        InputError: a link leads to a folder or to a file of another kind: a stranger's scene opens no more than it is.
+        InputError: a link leads to a folder or to a file of another kind, which an untrusted scene must not open.
     """
-    home = Path(os.path.realpath(_find_home(source)))
+    home = Path(os.path.realpath(folder))
     links: dict[Path, Path] = {}
     for file in files:
         target = Path(os.path.realpath(file))

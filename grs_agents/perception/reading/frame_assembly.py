@@ -1,7 +1,6 @@
-"""Bring colour, depth and camera to one pixel grid: the frame that everything else works on.
-Depth, however recorded, becomes depth in metres at the colour picture's pixels."""
+"""Frame assembly: colour, depth in metres and camera on the pixel grid of the colour picture."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -13,7 +12,7 @@ import numpy.typing as npt
 from grs_agents.base.errors import InputError
 from grs_agents.perception.image_geometry import depth_in_metres
 from grs_agents.perception.reading.camera import DEPTH_SCALE_REMEDY, DepthUnit, scale_camera_to_size
-from grs_agents.perception.reading.picture import Picture, rotate_by_exif
+from grs_agents.perception.reading.picture import ColorPicture, rotate_by_exif
 from grs_agents.perception.types import Camera, Image, RGBDFrame
 
 Depth = npt.NDArray[np.float32]
@@ -24,12 +23,12 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 NEAREST, FARTHEST = 0.1, 10.0  # the median depth of a table-top photo lies between these, in metres
 LEAST_MEASURED = 0.02  # at least this share of the pixels must have a depth
 MILLIMETRE = 0.001
-LEAST_RELIEF = 0.02  # metres between the nearest and the farthest of a table with objects on it, which have 2 cm
+LEAST_RELIEF = 0.02  # metres between nearest and farthest point of a table with objects: they are at least 2 cm
 TABLE_NEAREST, TABLE_FARTHEST = 0.3, 2.0
 """An unnamed unit is inferred only if it puts the median depth between these, in metres: photos of tables are taken
 from 0.4 to 1.5 m."""
-BEYOND = 65.0  # nothing of a table is farther than this, in metres; it also keeps depth within 16 bits of millimetres
-JUMP = 0.03  # neighbours whose depths differ by more than this share belong to different surfaces
+BEYOND = 65.0  # metres; farther depth is dropped, which also keeps it within 16 bits of millimetres
+JUMP = 0.03  # relative depth difference of neighbouring pixels on different surfaces
 
 
 @dataclass(frozen=True)
@@ -38,8 +37,8 @@ class RecordedDepth:
 
     units: Units  # (H, W), 0, NaN, infinite, negative or the type's largest number where nothing was measured
     scale: float  # metres per unit
-    where: str  # what errors call it
-    scale_source: str = "depth_scale in camera.json"  # where its scale is told, for the remedy of a wrong one
+    where: str  # its name in errors
+    scale_source: str = "depth_scale in camera.json"  # origin of its scale, for the remedy of a wrong scale
 
 
 def convert_depth_to_metres(measured: RecordedDepth) -> Depth:
@@ -60,41 +59,30 @@ def convert_depth_to_metres(measured: RecordedDepth) -> Depth:
         problem = (
             f"{where}: depth_scale {scale:g} gives a median depth of {median:g} m, outside {NEAREST}..{FARTHEST} m"
         )
-        for factor, name in _likely_scales(scale):
+        # The reciprocal of a scale given in units per metre (Open3D, ROS), then the scales of common sensors.
+        likely = [(1 / scale, f"depth_scale {1 / scale:g} (1 / {scale:g})")] if scale > 1 else []
+        likely += [(usual, f"depth_scale {usual:g}") for usual in (MILLIMETRE, 1.0, 0.0001, 0.0002)]
+        for factor, name in likely:
             if NEAREST <= median / scale * factor <= FARTHEST:
                 remedy = f"with {name} it would be {median / scale * factor:.4g} m: correct {measured.scale_source}"
                 raise InputError(problem, remedy)
         raise InputError(problem, f"{DEPTH_SCALE_REMEDY}: correct {measured.scale_source}")
-    _refuse_z_buffer(measured_at, measured)
+    if units.dtype.kind == "f" and scale == 1 and float(measured_at.max()) <= 1:
+        low, high = (float(value) for value in np.percentile(measured_at, (1, 99)))
+        if low > 0.5 and 0 < high - low < LEAST_RELIEF:  # OpenGL's z-buffer: 0 at the near plane, 1 at the far plane
+            raise InputError(
+                f"{where} hardly varies ({low:.4g}..{high:.4g}) and lies in 0..1: it looks like a z-buffer",
+                "give metres along the optical axis: near * far / (far - value * (far - near))",
+            )
     depth[~valid | (depth > BEYOND)] = 0
     return depth
 
 
-def _likely_scales(scale: float) -> Iterator[tuple[float, str]]:
-    """Scales that are often meant, metres per unit, each with its name: the reciprocal where units per metre were given
-    (Open3D, ROS), then those of common sensors and data sets."""
-    if scale > 1:
-        yield 1 / scale, f"depth_scale {1 / scale:g} (1 / {scale:g})"
-    yield from ((usual, f"depth_scale {usual:g}") for usual in (MILLIMETRE, 1.0, 0.0001, 0.0002))
-
-
-def _refuse_z_buffer(depth: Depth, measured: RecordedDepth) -> None:
-    """Refuse floats that are probably OpenGL's z-buffer, 0 at the near plane and 1 at the far one, not metres.
-    ``depth`` holds the (N,) measured values."""
-    if measured.units.dtype.kind != "f" or measured.scale != 1 or float(depth.max()) > 1:
-        return
-    low, high = (float(value) for value in np.percentile(depth, (1, 99)))
-    if low > 0.5 and 0 < high - low < LEAST_RELIEF:
-        raise InputError(
-            f"{measured.where} hardly varies ({low:.4g}..{high:.4g}) and lies in 0..1: it looks like a z-buffer",
-            "give metres along the optical axis: near * far / (far - value * (far - near))",
-        )
-
-
 def guess_depth_unit(units: Units) -> DepthUnit:
-    """What one unit of depth (H, W) is taken to be where ``camera.json`` does not say it.
-    Floats are metres. 16-bit integers are millimetres, as nearly all sensors write them, if the middle of the photo
-    then is at the distance of a table: units of 0.1 or 0.2 mm, which some data sets have, would put it beyond that."""
+    """Default unit of depth (H, W) if ``camera.json`` does not state it.
+
+    Floats are metres. 16-bit integers are millimetres, as nearly all sensors write them, if the median depth is then
+    that of a table: units of 0.1 or 0.2 mm, as in some data sets, would exceed it."""
     if units.dtype.kind == "f":
         return DepthUnit(1.0)
     if units.dtype != np.uint16:
@@ -108,58 +96,59 @@ def guess_depth_unit(units: Units) -> DepthUnit:
 
 
 def have_same_aspect_ratio(size: tuple[int, int], other: tuple[int, int]) -> bool:
-    """Whether two pictures (width, height) can show the same at different sizes: to a pixel of the smaller one."""
+    """Whether two picture sizes (width, height) have the same aspect ratio, to a pixel of the smaller picture."""
     (width, height), (other_width, other_height) = sorted((size, other))
     return abs(other_width / width - other_height / height) * max(width, height) <= other_width / width
 
 
 def resize_depth(depth: Depth, width: int, height: int) -> Depth:
-    """Depth at another size, registered: smaller by the nearest pixel, larger between pixels of one surface.
-    Between four neighbours of one surface inverse depth is interpolated, which is exact on planes; elsewhere the
-    nearest pixel counts, so that no depth is made up between an object and what is behind it."""
+    """Depth resampled to another size without flying pixels.
+
+    Smaller by the nearest pixel. Larger by interpolation of inverse depth, which is exact on planes, between four
+    neighbours on the same surface, and by the nearest pixel elsewhere."""
     nearest = resize_nearest(depth, width, height)
     if width <= depth.shape[1]:
         return nearest
     inverse = np.divide(1, depth, out=np.zeros_like(depth), where=depth > 0)
     corners = np.stack([inverse[:-1, :-1], inverse[:-1, 1:], inverse[1:, :-1], inverse[1:, 1:]])
     low, high = corners.min(axis=0), corners.max(axis=0)
-    one_surface = (low > 0) & (high <= low * (1 + JUMP))
+    same_surface = (low > 0) & (high <= low * (1 + JUMP))
     rows, columns = _preceding_pixel_indices(depth.shape[0], height), _preceding_pixel_indices(depth.shape[1], width)
     blend = cv2.resize(inverse, (width, height), interpolation=cv2.INTER_LINEAR)
-    return np.where(one_surface[np.ix_(rows, columns)], 1 / np.maximum(blend, np.float32(1e-6)), nearest)
+    return np.where(same_surface[np.ix_(rows, columns)], 1 / np.maximum(blend, np.float32(1e-6)), nearest)
 
 
 def resize_nearest(picture: "npt.NDArray[Scalar]", width: int, height: int) -> "npt.NDArray[Scalar]":
-    """A picture (H, W) at another size, each pixel that of the nearest."""
+    """A picture (H, W) at another size, by the nearest pixel."""
     rows = _resampled_pixel_centers(picture.shape[0], height)
     columns = _resampled_pixel_centers(picture.shape[1], width)
     return picture[np.ix_(np.rint(rows).astype(int), np.rint(columns).astype(int))]
 
 
 def _resampled_pixel_centers(old: int, new: int) -> npt.NDArray[np.float64]:
-    """Where the centres of ``new`` pixels lie among ``old`` ones, kept within the picture."""
+    """(new,) pixel coordinates, among ``old`` pixels, of the centres of ``new`` pixels; clamped to the picture."""
     return np.clip((np.arange(new) + 0.5) * old / new - 0.5, 0, old - 1)
 
 
 def _preceding_pixel_indices(old: int, new: int) -> npt.NDArray[np.int64]:
-    """The pixel before each of those places; the one after it is in the picture too."""
+    """(new,) index of the pixel before each of these coordinates; its successor is in the picture too."""
     return np.minimum(np.floor(_resampled_pixel_centers(old, new)).astype(np.int64), old - 2)
 
 
 MOST_FRAME_PIXELS = 9_000_000
-"""A frame of more pixels (4K has 8.8 million) is made smaller: nothing of 2 cm is lost by it."""
-SMALLEST = 8  # a frame has at least this many pixels a side
+"""Larger frames (4K has 8.8 million pixels) are reduced: objects of 2 cm remain visible."""
+SMALLEST = 8  # least pixels a side of a frame
 
 
 @dataclass(frozen=True)
-class Recording:
-    """What was found of a scene."""
+class SceneRecording:
+    """Colour, depth and camera of a scene as read, not yet on the same pixel grid."""
 
-    source: Path  # what was named on the command line
-    picture: Picture  # the colours
-    camera: Camera | None = None  # the camera of the colour picture or of the depth picture, whichever has its size
+    source: Path  # as named on the command line
+    picture: ColorPicture  # the colours
+    camera: Camera | None = None  # of the colour or of the depth picture, whichever has its size
     measured: RecordedDepth | None = None  # the depth
-    notes: tuple[str, ...] = ()  # what a reader of the scene should know about how it was read
+    notes: tuple[str, ...] = ()  # on the reading of the scene
 
     @property
     def picture_size(self) -> tuple[int, int]:
@@ -167,12 +156,12 @@ class Recording:
         height, width = self.picture.rgb.shape[:2]
         return width, height
 
-    def with_note(self, note: str) -> "Recording":
-        """The same with one more note."""
+    def with_note(self, note: str) -> "SceneRecording":
+        """A copy with another note."""
         return replace(self, notes=(*self.notes, note))
 
 
-def assemble_frame(recording: Recording, camera: Camera, measured: RecordedDepth) -> RGBDFrame:
+def assemble_frame(recording: SceneRecording, camera: Camera, measured: RecordedDepth) -> RGBDFrame:
     """Put colour, depth and camera on the colour picture's grid."""
     height, width = measured.units.shape
     if min(*recording.picture_size, width, height) < SMALLEST:
@@ -204,29 +193,30 @@ def assemble_frame(recording: Recording, camera: Camera, measured: RecordedDepth
     return RGBDFrame(rgb, depth, camera, recording.source, recording.notes)
 
 
-def apply_exif_orientation(recording: Recording, sizes: Sequence[tuple[int, int]]) -> Recording:
-    """Turn a photo as its EXIF orientation says, where camera and depth show that they belong to the turned photo.
-    ``sizes`` are width and height of what belongs to the photo; without any it is turned."""
+def apply_exif_orientation(recording: SceneRecording, sizes: Sequence[tuple[int, int]]) -> SceneRecording:
+    """Rotate a photo by its EXIF orientation if camera and depth belong to the rotated photo.
+
+    ``sizes`` are width and height of camera and depth; without any the photo is rotated."""
     picture = recording.picture
     if picture.orientation == 1:
         return recording
     rgb = rotate_by_exif(picture.rgb, picture.orientation)
-    as_shown = all(have_same_aspect_ratio(one, (rgb.shape[1], rgb.shape[0])) for one in sizes)
-    if sizes and as_shown and all(have_same_aspect_ratio(one, recording.picture_size) for one in sizes):
+    as_shown = all(have_same_aspect_ratio(size, (rgb.shape[1], rgb.shape[0])) for size in sizes)
+    if sizes and as_shown and all(have_same_aspect_ratio(size, recording.picture_size) for size in sizes):
         raise InputError(
             f"{picture.file} has EXIF orientation {picture.orientation}: whether the camera's numbers are those of the "
             "stored or of the turned picture cannot be told",
             "save it as its pixels are to be looked at, without that tag",
         )
-    return replace(recording, picture=Picture(picture.file, rgb, 1, picture.focal_35mm)) if as_shown else recording
+    return replace(recording, picture=ColorPicture(picture.file, rgb, 1, picture.focal_35mm)) if as_shown else recording
 
 
 def limit_frame_size(width: int, height: int) -> tuple[int, int]:
-    """The size itself, or one of the same shape with at most `MOST_FRAME_PIXELS`."""
+    """The size, reduced to at most `MOST_FRAME_PIXELS` at the same aspect ratio."""
     share = (MOST_FRAME_PIXELS / (width * height)) ** 0.5
     return (width, height) if share >= 1 else (int(width * share), int(height * share))
 
 
 def downscale_rgb(rgb: Image, width: int, height: int) -> Image:
-    """The colours averaged over the pixels of a smaller picture."""
+    """The picture reduced by averaging over areas."""
     return np.asarray(cv2.resize(rgb, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)

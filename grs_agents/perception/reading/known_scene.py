@@ -1,4 +1,4 @@
-"""A scene that was comprehended before: the folder of a run, whose pictures and proxies another run takes over."""
+"""Known scenes: the folder of an earlier run, whose pictures and proxies another run reuses."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -11,7 +11,7 @@ from grs_agents.perception.reading.bop import is_bop_source
 from grs_agents.perception.types import SceneDescription, read_scene_description
 
 _OF_SCENE: Final = ("scene", "assets")
-"""The folders of a run that its scene is made of: pictures, and proxies with the background."""
+"""Folders of a run's scene: pictures, and proxies with the background."""
 _REMEDY: Final = "name the photo instead"
 
 
@@ -23,13 +23,17 @@ def is_known_scene(source: Path) -> bool:
 
 
 def copy_scene_from_run(source: Path, folder: Path, robot: str) -> SceneDescription:
-    """Copy what the scene of another run is made of into the run folder ``folder``.
+    """Copy the scene of another run, with its pictures and proxies, into the run folder ``folder``.
 
     Raises:
         InputError: the folder is no plain run folder, cannot be read, or its scene was made for another ``robot``.
     """
     check_run_folder(source)
-    made_for = _robot_name_from_run_record(read_json(source / "run.json", _REMEDY))
+    record: Any = read_json(source / "run.json", _REMEDY)
+    try:
+        made_for = str(record["config"]["robot"])
+    except (KeyError, TypeError):
+        made_for = ""
     if made_for != robot:
         raise InputError(f"the scene of {source} was made for robot={made_for}, not {robot}", _REMEDY)
     scene = read_scene_description(source / "scene.json")
@@ -38,11 +42,3 @@ def copy_scene_from_run(source: Path, folder: Path, robot: str) -> SceneDescript
             copy_folder(source / name, folder / name)
     scene.write(folder / "scene.json")
     return scene
-
-
-def _robot_name_from_run_record(record: Any) -> str:
-    """The robot that the configuration of a run names; empty where the record tells none."""
-    try:
-        return str(record["config"]["robot"])
-    except (KeyError, TypeError):
-        return ""

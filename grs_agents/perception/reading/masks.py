@@ -1,4 +1,4 @@
-"""Masks that come with a scene: of a person, of another program, or of a data set."""
+"""Masks supplied with a scene: by a person, another program, or a data set."""
 
 from pathlib import Path
 
@@ -22,14 +22,14 @@ FORMS = (
 
 
 def read_masks(source: Path, shape: tuple[int, int]) -> Labels:
-    """The masks of a scene as one picture (H, W): 0 for the background, objects from 1, the smaller on top.
+    """The masks of a scene as a label image (H, W): 0 for the background, objects from 1, the smaller on top.
 
     Args:
-        source: what was read: a folder, an ``.npz``, or ``bop:`` and an image.
-        shape: rows and columns of its frame; masks of another size are brought to it.
+        source: of the scene: a folder, an ``.npz``, or ``bop:`` and an image.
+        shape: rows and columns of its frame; masks of another size are resampled.
 
     Raises:
-        InputError: there are no masks, too many, or they are of another shape than the frame.
+        InputError: there are no masks, too many, or their aspect ratio differs from the frame's.
     """
     if is_bop_source(source):
         image = parse_bop_source(source)
@@ -59,7 +59,7 @@ def _labels_from_folder(folder: Path, shape: tuple[int, int]) -> Labels:
 
 
 def _read_mask_pictures(folder: Path, prefix: str) -> list[tuple[str, Numbers]]:
-    """The pictures of a folder whose names begin with ``prefix``, as masks: what is not 0 is the object."""
+    """Names and masks (pixels other than 0) of the pictures of a folder whose names begin with ``prefix``."""
     names = list_folder_names(folder)
     names = [name for name in names if name.startswith(prefix) and Path(name).suffix.lower() in SUFFIXES]
     if not 0 < len(names) <= MOST_MASKS:
@@ -78,7 +78,7 @@ def _labels_from_array(array: Numbers, shape: tuple[int, int], where: str) -> La
 
 
 def _merge_masks(masks: list[tuple[str, Numbers]], shape: tuple[int, int], where: str) -> Labels:
-    """One picture of masks, the smaller ones on top."""
+    """Label image (H, W) of masks, the smaller on top."""
     sized = [_resize_mask_to_frame(mask, shape, name) for name, mask in masks]
     labels = np.zeros(shape, np.int32)
     for number in sorted(range(len(sized)), key=lambda number: -int(sized[number].sum())):

@@ -1,4 +1,4 @@
-"""A scene in one ``.npz``: rgb, depth and K, and what else may be known."""
+"""Reader of a scene in an ``.npz``: rgb, depth and K, and optional arrays."""
 
 from pathlib import Path
 from typing import Any
@@ -6,12 +6,11 @@ from typing import Any
 import numpy as np
 
 from grs_agents.base.errors import InputError
-from grs_agents.base.foreign.arrays import Numbers, read_npz
+from grs_agents.base.foreign.arrays import read_npz
 from grs_agents.base.foreign.pictures import MOST_PIXELS
 from grs_agents.perception.reading.camera import camera_from_matrix
-from grs_agents.perception.reading.frame_assembly import RecordedDepth, Recording
-from grs_agents.perception.reading.picture import Picture
-from grs_agents.perception.types import Image
+from grs_agents.perception.reading.frame_assembly import RecordedDepth, SceneRecording
+from grs_agents.perception.reading.picture import ColorPicture
 
 WANTED = {
     "rgb": "(H, W, 3) uint8",
@@ -25,24 +24,10 @@ OPTIONAL = {
 }
 
 
-def read_npz_archive(file: Path) -> Recording:
-    """Read the arrays rgb, depth and K, and depth_scale, T_robot_cam and joints where they are there."""
+def read_npz_archive(file: Path) -> SceneRecording:
+    """Read the arrays rgb, depth and K, and depth_scale, T_robot_cam and joints if present."""
     arrays = read_npz(file, WANTED, OPTIONAL)
-    rgb = _convert_to_rgb_uint8(arrays["rgb"], file)
-    depth, matrix = arrays["depth"], arrays["K"]
-    if depth.ndim != 2 or depth.dtype.kind == "b" or depth.dtype.itemsize < 2 or depth.size > MOST_PIXELS:
-        raise InputError(f"depth in {file} has shape {depth.shape} and type {depth.dtype}", f"give {WANTED['depth']}")
-    if matrix.shape != (3, 3):
-        raise InputError(f"K in {file} has shape {matrix.shape}", f"give {WANTED['K']}")
-    scale = _read_depth_scale(arrays, depth, file)
-    more: dict[str, Any] = {"depth_scale": scale}
-    more |= {name: arrays[name].tolist() for name in ("T_robot_cam", "joints") if name in arrays}
-    camera = camera_from_matrix(matrix.tolist(), (rgb.shape[1], rgb.shape[0]), f"K in {file}", **more)
-    measured = RecordedDepth(depth, scale, f"depth in {file}", f"depth_scale in {file}")
-    return Recording(file, Picture(file, rgb), camera, measured)
-
-
-def _convert_to_rgb_uint8(rgb: Numbers, file: Path) -> Image:
+    rgb = arrays["rgb"]
     channels = rgb.shape[2] if rgb.ndim == 3 else 1
     if rgb.ndim not in (2, 3) or channels not in (1, 3, 4) or rgb.dtype.name not in ("uint8", "uint16"):
         raise InputError(f"rgb in {file} has shape {rgb.shape} and type {rgb.dtype}", f"give {WANTED['rgb']}")
@@ -51,18 +36,23 @@ def _convert_to_rgb_uint8(rgb: Numbers, file: Path) -> Image:
         raise InputError(f"rgb in {file} is {rgb.shape[1]}x{rgb.shape[0]}, more than {MOST_PIXELS} pixels", remedy)
     eight = (rgb // 257 if rgb.dtype == np.uint16 else rgb).astype(np.uint8)
     planes = eight.reshape(*eight.shape[:2], channels)
-    return np.repeat(planes, 3, axis=2) if channels == 1 else planes[..., :3].copy()
-
-
-def _read_depth_scale(arrays: dict[str, Numbers], depth: Numbers, file: Path) -> float:
-    """Metres per unit of depth: told, or 1 for floats."""
-    given = arrays.get("depth_scale")
-    if given is None and depth.dtype.kind == "f":
-        return 1.0
-    if given is None:
+    colors = np.repeat(planes, 3, axis=2) if channels == 1 else planes[..., :3].copy()
+    depth, matrix = arrays["depth"], arrays["K"]
+    if depth.ndim != 2 or depth.dtype.kind == "b" or depth.dtype.itemsize < 2 or depth.size > MOST_PIXELS:
+        raise InputError(f"depth in {file} has shape {depth.shape} and type {depth.dtype}", f"give {WANTED['depth']}")
+    if matrix.shape != (3, 3):
+        raise InputError(f"K in {file} has shape {matrix.shape}", f"give {WANTED['K']}")
+    scale = 1.0
+    if (stated := arrays.get("depth_scale")) is not None:
+        scale = float(stated.reshape(-1)[0]) if stated.size == 1 else np.nan
+        if not (np.isfinite(scale) and scale > 0):
+            found = f"depth_scale in {file} is {str(stated.tolist())[:80]}"
+            raise InputError(found, "give one number: metres per unit")
+    elif depth.dtype.kind != "f":
         remedy = "add depth_scale: 0.001 for millimetres"
         raise InputError(f"depth in {file} is of type {depth.dtype} and there is no depth_scale", remedy)
-    scale = float(given.reshape(-1)[0]) if given.size == 1 else np.nan
-    if not (np.isfinite(scale) and scale > 0):
-        raise InputError(f"depth_scale in {file} is {str(given.tolist())[:80]}", "give one number: metres per unit")
-    return scale
+    more: dict[str, Any] = {"depth_scale": scale}
+    more |= {name: arrays[name].tolist() for name in ("T_robot_cam", "joints") if name in arrays}
+    camera = camera_from_matrix(matrix.tolist(), (colors.shape[1], colors.shape[0]), f"K in {file}", **more)
+    measured = RecordedDepth(depth, scale, f"depth in {file}", f"depth_scale in {file}")
+    return SceneRecording(file, ColorPicture(file, colors), camera, measured)

@@ -1,4 +1,4 @@
-"""Pictures of a scene as arrays: colours, depth and numbers; pixels of another kind are refused by name."""
+"""Pictures of a scene as arrays: colour, depth and labels; other pixel formats are refused."""
 
 import warnings
 from collections.abc import Generator
@@ -21,35 +21,41 @@ SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".heic", 
 GREY = ("1", "L", "LA", "I;16", "I;16B", "I;16L")
 COLORED = ("RGB", "RGBA", "RGBX", "P", "PA", "CMYK", "YCbCr")
 _STRIP = 256
-"""Rows that are converted at once."""
+"""Rows per conversion."""
 _ORIENTATION, _EXIF, _FOCAL_35MM = 0x0112, 0x8769, 0xA405
 
 
 @dataclass(frozen=True)
-class Picture:
+class ColorPicture:
     """A colour picture as its pixels are stored."""
 
-    file: Path  # where it came from
+    file: Path
     rgb: Image  # (H, W, 3) uint8
-    orientation: int = 1  # EXIF's, 1 to 8; 1 where nothing is said
+    orientation: int = 1  # EXIF's, 1 to 8; 1 by default
     # the focal length in millimetres on 35 mm film with the same diagonal angle, if the camera noted it
     focal_35mm: float | None = None
 
 
-def read_color_picture(file: Path) -> Picture:
+def read_color_picture(file: Path) -> ColorPicture:
     """Read a picture as 8-bit RGB: grey, palette, 16-bit and CMYK are converted, an alpha channel is dropped."""
     with _open_decoded_picture(file) as image:
         if image.mode in GREY[3:]:
             rgb = np.repeat((np.asarray(image) // 257).astype(np.uint8)[..., None], 3, axis=2)
         elif image.mode in GREY or image.mode in COLORED:
             rgb = np.empty((image.height, image.width, 3), np.uint8)
-            for top in range(0, image.height, _STRIP):  # as a whole, Pillow would hold its pixels three times
+            for top in range(0, image.height, _STRIP):  # in strips: Pillow would hold the pixels three times
                 part = image.crop((0, top, image.width, min(top + _STRIP, image.height)))
                 rgb[top : top + _STRIP] = np.asarray(part if part.mode == "RGB" else part.convert("RGB"))
         else:
             raise InputError(f"{file} has pixels of kind {image.mode!r}, no colours", "write it as 8-bit RGB")
-        orientation, focal = _read_exif_tags(image)
-    return Picture(file, rgb, orientation, focal)
+        orientation, focal = 1, None
+        with suppress(*MALFORMED):  # a torn EXIF block is ignored
+            exif = image.getexif()
+            stated: Any = exif.get(_ORIENTATION, 1)
+            orientation = int(stated) if int(stated) in range(1, 9) else 1
+            millimetres = float(exif.get_ifd(_EXIF).get(_FOCAL_35MM, 0))
+            focal = millimetres if 5 <= millimetres <= 1000 else None
+    return ColorPicture(file, rgb, orientation, focal)
 
 
 def read_depth_picture(file: Path) -> "npt.NDArray[np.number[Any]]":
@@ -70,7 +76,7 @@ def read_depth_picture(file: Path) -> "npt.NDArray[np.number[Any]]":
 
 
 def read_label_picture(file: Path) -> npt.NDArray[np.int32]:
-    """Read a picture of numbers, such as labels: (H, W); the index of a palette's colour counts, not the colour."""
+    """Read a label picture: (H, W) numbers; palette indices rather than colours."""
     with _open_decoded_picture(file) as image:
         numbers = np.array(image)
     if numbers.ndim == 3 and (numbers[..., :1] == numbers[..., :3]).all():  # grey written as RGB
@@ -81,7 +87,7 @@ def read_label_picture(file: Path) -> npt.NDArray[np.int32]:
 
 
 def rotate_by_exif(rgb: Image, orientation: int) -> Image:
-    """The picture as EXIF says it is to be looked at."""
+    """The picture rotated or flipped by its EXIF orientation."""
     turned = {
         2: rgb[:, ::-1],
         3: rgb[::-1, ::-1],
@@ -96,20 +102,8 @@ def rotate_by_exif(rgb: Image, orientation: int) -> Image:
 
 @contextmanager
 def _open_decoded_picture(file: Path) -> Generator[Pillow.Image]:
-    """A picture whose size was checked before its pixels were decoded."""
-    # warned of would be sizes, where our bound is tighter, and torn EXIF blocks
+    """Open and decode a picture after a check of its size."""
+    # Pillow warns of sizes beyond our tighter bound, and of torn EXIF blocks.
     with warnings.catch_warnings(action="ignore"), open_picture(file, f"put {file.name} there") as (image, _):
         image.load()
         yield image
-
-
-def _read_exif_tags(image: Pillow.Image) -> tuple[int, float | None]:
-    """Orientation and focal length on 35 mm film (mm); a torn EXIF block says nothing."""
-    orientation, focal = 1, None
-    with suppress(*MALFORMED):
-        exif = image.getexif()
-        stated: Any = exif.get(_ORIENTATION, 1)
-        orientation = int(stated) if int(stated) in range(1, 9) else 1
-        millimetres = float(exif.get_ifd(_EXIF).get(_FOCAL_35MM, 0))
-        focal = millimetres if 5 <= millimetres <= 1000 else None
-    return orientation, focal

@@ -1,5 +1,7 @@
-"""Points of PLY files (ASCII or binary) and PCD files (version 0.7: ASCII, binary or binary_compressed, which is LZF).
-Both are read as records of named numbers. The readers of other libraries believe a header that promises gigabytes."""
+"""Readers of PLY files (ASCII or binary) and PCD files (version 0.7: ASCII, binary or binary_compressed, which is LZF).
+
+Both formats are records of named numbers. The readers of other libraries trust a header that promises gigabytes.
+"""
 
 import warnings
 from collections.abc import Sequence
@@ -18,7 +20,7 @@ Points = npt.NDArray[np.float32]
 MOST_POINTS = 20_000_000
 MOST_FIELDS = 64
 MOST_HEADER_BYTES = 65_536
-MOST_UNPACKED = 1 << 28  # no compressed cloud is larger unpacked, in bytes: enough for 16 million points with a colour
+MOST_UNPACKED = 1 << 28  # bytes of an unpacked cloud: enough for 16 million points with a colour
 LONGEST_LITERAL = 32
 
 
@@ -28,16 +30,16 @@ def _corrupt_file_error(message: str) -> InputError:
 
 @dataclass(frozen=True)
 class Records:
-    """How a file lays its points out."""
+    """Layout of the points in a file."""
 
-    where: str  # what errors call the file
-    names: Sequence[str]  # of the fields; each field is one number
+    where: str  # name of the file in errors
+    names: Sequence[str]  # of the fields; each field is a single number
     kinds: Sequence[str]  # numpy's type of each
-    count: int  # how many points there are
+    count: int  # of points
     shape: tuple[int, int]  # (rows, columns) of an organised cloud, else (1, count)
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be points, or are too many, before anything is read."""
+        """Refuse records without x, y and z, or with too many points, before reading."""
         if not 0 < self.count <= MOST_POINTS:
             raise InputError(f"{self.where} promises {self.count} points", f"give 1 to {MOST_POINTS}")
         if len(self.names) > MOST_FIELDS:
@@ -51,18 +53,18 @@ class Records:
 
     @property
     def point_dtype(self) -> "np.dtype[Any]":
-        """One point in a binary file."""
+        """Type of a point in a binary file."""
         return np.dtype([(f"f{number}", kind) for number, kind in enumerate(self.kinds)])
 
     @property
     def xyz_field_indices(self) -> list[int]:
-        """Which fields are x, y and z."""
+        """Indices of the fields x, y and z."""
         return [list(self.names).index(axis) for axis in "xyz"]
 
     def parse_text_points(self, text: bytes) -> Points:
         """The (N, 3) points of lines of numbers."""
         try:
-            with warnings.catch_warnings(action="ignore", category=UserWarning):  # no rows at all: said below
+            with warnings.catch_warnings(action="ignore", category=UserWarning):  # no rows at all: refused below
                 lines, axes, most = BytesIO(text), self.xyz_field_indices, self.count
                 rows = np.loadtxt(lines, np.float32, None, usecols=axes, ndmin=2, encoding="latin-1", max_rows=most)
         except (ValueError, OverflowError, IndexError) as error:
@@ -72,7 +74,7 @@ class Records:
         return rows
 
     def parse_binary_points(self, data: bytes, by_field: bool = False) -> Points:
-        """The (N, 3) points of binary records, or of data that hold each field of all points in turn."""
+        """The (N, 3) points of binary records, or of field-by-field (structure of arrays) data."""
         needed = self.count * self.point_dtype.itemsize
         if len(data) < needed:
             raise _corrupt_file_error(f"{self.where} ends after {len(data)} of {needed} bytes of points")
@@ -89,7 +91,7 @@ class Records:
 
 
 def split_header(data: bytes, end: bytes, where: str) -> tuple[list[list[str]], bytes]:
-    """The words of each header line, and what follows the line that begins with ``end``."""
+    """The words of each header line, and the data after the line that begins with ``end``."""
     lines: list[list[str]] = []
     start = 0
     while (stop := data.find(b"\n", start, MOST_HEADER_BYTES)) >= 0:
@@ -126,7 +128,7 @@ PLY_TYPES = {name: kind for kind, names in _PLY_TYPE_NAMES.items() for name in n
 
 
 def read_ply(file: Path) -> tuple[Points, tuple[int, int]]:
-    """The (N, 3) points of a PLY file, and (1, N), since PLY knows no rows."""
+    """The (N, 3) points of a PLY file, and (1, N), as PLY clouds are unorganised."""
     data, where = read_bytes(file), str(file)
     if not data.startswith(b"ply"):
         raise InputError(f"{where} does not begin with 'ply'", "give a PLY file")
@@ -143,7 +145,7 @@ def read_ply(file: Path) -> tuple[Points, tuple[int, int]]:
 
 
 def _parse_ply_header(lines: list[list[str]], where: str) -> tuple[str, dict[str, tuple[int, list[tuple[str, str]]]]]:
-    """The byte order (nothing for text), and the count and fields (name, type) of each element."""
+    """The byte order (empty for text), and the count and fields (name, type) of each element."""
     order: str | None = None
     elements: dict[str, tuple[int, list[tuple[str, str]]]] = {}
     last = ""
@@ -167,9 +169,10 @@ def _parse_ply_header(lines: list[list[str]], where: str) -> tuple[str, dict[str
 
 
 def decompress_lzf(data: bytes, size: int, where: str) -> bytes:
-    """LZF-packed data as ``size`` bytes; ``where`` is what errors call the file.
-    A control byte below 32 is followed by so many bytes, and one more, as they are. Any other holds a length in its
-    upper three bits (7: the next byte is added) and, with the byte after it, how far back to copy from."""
+    """Decompress LZF data to ``size`` bytes; ``where`` names the file in errors.
+
+    A control byte below 32 precedes a literal of that length + 1. Any other holds a length in its upper three bits (7:
+    the next byte is added) and, with the byte after it, the distance of a back reference."""
     out = bytearray()
     at, end = 0, len(data)
     while at < end and len(out) <= size:
@@ -201,7 +204,7 @@ PCD_TYPES = {"F": ("4", "8"), "I": ("1", "2", "4", "8"), "U": ("1", "2", "4", "8
 
 
 def read_pcd(file: Path) -> tuple[Points, tuple[int, int]]:
-    """The (N, 3) points of a PCD file, and the cloud's rows and columns: (1, N) where it is not organised."""
+    """The (N, 3) points of a PCD file, and the cloud's rows and columns: (1, N) if unorganised."""
     data, where = read_bytes(file), str(file)
     lines, body = split_header(data, b"DATA", where)
     header = {words[0]: words[1:] for words in lines if words and not words[0].startswith("#")}

@@ -1,4 +1,4 @@
-"""A scene folder: a photo, its depth as a picture, an array or a point cloud, and ``camera.json``."""
+"""Reader of a scene folder: a photo, its depth as a picture, an array or a point cloud, and ``camera.json``."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,17 +11,17 @@ from grs_agents.base.foreign.arrays import read_npy
 from grs_agents.base.foreign.files import list_folder_names, path_exists
 from grs_agents.perception.reading import point_cloud as clouds
 from grs_agents.perception.reading.camera import DepthUnit, read_camera_file
-from grs_agents.perception.reading.frame_assembly import RecordedDepth, Recording, Units, guess_depth_unit
+from grs_agents.perception.reading.frame_assembly import RecordedDepth, SceneRecording, Units, guess_depth_unit
 from grs_agents.perception.reading.picture import SUFFIXES, read_color_picture, read_depth_picture
 from grs_agents.perception.reading.point_cloud import Cloud, depth_from_cloud, read_point_cloud
 from grs_agents.perception.reading.unread_formats import make_unread_format_error
 
 COLOR_STEMS = ("rgb", "color")
 NO_CLOUDS = ("masks", "labels")
-IN_METRES = DepthUnit(1.0)  # points, and depths that a model estimates
+IN_METRES = DepthUnit(1.0)  # of points, and of depth estimated by a model
 
 
-def read_scene_folder(folder: Path) -> Recording:
+def read_scene_folder(folder: Path) -> SceneRecording:
     """Read ``rgb.*``, ``camera.json``, and ``depth.*`` or a point cloud."""
     names = list_folder_names(folder)
     photo = _pick_single_name([name for name in names if _has_stem_and_suffix(name, COLOR_STEMS, SUFFIXES)], folder)
@@ -33,30 +33,30 @@ def read_scene_folder(folder: Path) -> Recording:
     depth_file = _pick_single_name(depths, folder)
     camera_file = folder / "camera.json"
     if depth_file is None:
-        return add_camera_to_recording(Recording(folder, picture), camera_file)
-    return add_depth_to_recording(Recording(folder, picture), folder / depth_file, camera_file)
+        return add_camera_to_recording(SceneRecording(folder, picture), camera_file)
+    return add_depth_to_recording(SceneRecording(folder, picture), folder / depth_file, camera_file)
 
 
-def add_camera_to_recording(recording: Recording, camera_file: Path) -> Recording:
-    """A recording without depth, with the camera of its photo if there is such a file."""
+def add_camera_to_recording(recording: SceneRecording, camera_file: Path) -> SceneRecording:
+    """A recording without depth, with the camera of its photo if the file exists."""
     if not path_exists(camera_file):
         return recording
-    found = read_camera_file(camera_file, IN_METRES)
-    return replace(recording, camera=found.camera, notes=(*recording.notes, *found.notes))
+    read = read_camera_file(camera_file, IN_METRES)
+    return replace(recording, camera=read.camera, notes=(*recording.notes, *read.notes))
 
 
-def add_depth_to_recording(recording: Recording, file: Path, camera_file: Path) -> Recording:
+def add_depth_to_recording(recording: SceneRecording, file: Path, camera_file: Path) -> SceneRecording:
     """The recording with the depth in ``file`` and the camera of both."""
     depth = read_depth_or_cloud(file)
     if isinstance(depth, Cloud):
-        found = read_camera_file(camera_file, IN_METRES)
-        units, how = depth_from_cloud(depth, found.camera)
-        notes = (*found.notes, how)
+        read = read_camera_file(camera_file, IN_METRES)
+        units, note = depth_from_cloud(depth, read.camera)
+        notes = (*read.notes, note)
     else:
-        found = read_camera_file(camera_file, guess_depth_unit(depth))
-        units, notes = depth, found.notes
-    measured = RecordedDepth(units, found.camera.depth_scale, str(file))
-    return replace(recording, camera=found.camera, measured=measured, notes=(*recording.notes, *notes))
+        read = read_camera_file(camera_file, guess_depth_unit(depth))
+        units, notes = depth, read.notes
+    measured = RecordedDepth(units, read.camera.depth_scale, str(file))
+    return replace(recording, camera=read.camera, measured=measured, notes=(*recording.notes, *notes))
 
 
 def read_depth_or_cloud(file: Path) -> Cloud | Units:
@@ -82,7 +82,7 @@ def is_scene_file_name(name: str) -> bool:
 
 
 def _missing_photo_error(folder: Path, names: Sequence[str]) -> InputError:
-    """The folder holds no photo of a known name: another picture in it may be the photo."""
+    """Error for a folder without a photo of a known name; another picture may be the photo."""
     stems = ("depth", *NO_CLOUDS)
     others = [name for name in names if Path(name.lower()).suffix in SUFFIXES and Path(name.lower()).stem not in stems]
     unread = next(filter(None, (make_unread_format_error(folder / name) for name in names)), None)
@@ -106,7 +106,7 @@ def _is_point_cloud_name(name: str) -> bool:
 
 
 def _pick_single_name(names: list[str], folder: Path) -> str | None:
-    """The one name there is, ``None`` without any; raises InputError if there are several."""
+    """The only name, ``None`` without any; raises InputError for several."""
     if len(names) > 1:
         remedy = "leave one of them"
         raise InputError(f"{folder} holds {' and '.join(names[:4])}: which of them is meant cannot be told", remedy)

@@ -1,4 +1,4 @@
-"""What a scene is read from, told by its name: the one door to all the formats."""
+"""Scene sources: dispatch to the reader of each format by name."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ from grs_agents.base.errors import InputError, suggest_name
 from grs_agents.base.foreign.files import is_folder, path_exists
 from grs_agents.perception.reading import point_cloud
 from grs_agents.perception.reading.bop import PREFIX, is_bop_source, parse_bop_source, read_bop_image
-from grs_agents.perception.reading.frame_assembly import Recording, assemble_frame
+from grs_agents.perception.reading.frame_assembly import SceneRecording, assemble_frame
 from grs_agents.perception.reading.npz_archive import read_npz_archive
 from grs_agents.perception.reading.photo_without_depth import Estimator, assemble_frame_from_photo
 from grs_agents.perception.reading.picture import SUFFIXES, read_color_picture
@@ -22,7 +22,7 @@ REMEDY = (
 
 
 def check_scene_source(source: Path) -> None:
-    """See that there is something of a known kind under this name, without reading it; raises InputError if not."""
+    """Check that a source of a known format exists, without reading it; raises InputError if not."""
     try:
         str(source).encode()
     except UnicodeEncodeError as error:  # neither the run's record nor its trace could name it
@@ -41,7 +41,7 @@ def check_scene_source(source: Path) -> None:
 
 
 def resolve_scene_path(source: Path) -> Path:
-    """The scene that a user names: what lies there, else the sample scene of that name."""
+    """The scene that a user names: an existing path, else the sample scene of that name."""
     return source if is_bop_source(source) or path_exists(source) else content.sample_scenes().get(str(source), source)
 
 
@@ -53,14 +53,22 @@ def short_scene_name(source: Path) -> str:
 
 
 def read_scene(source: Path, estimate: Estimator | None = None, field_of_view: float | None = None) -> RGBDFrame:
-    """Read and check a scene; ``estimate`` makes the depth of a photo without, ``field_of_view`` degrees wide.
-    Raises InputError: a file is missing or unreadable, sizes differ in shape, the camera is incomplete or not finite,
-    too little was measured, or the depth is in another unit than the camera says."""
+    """Read and check a scene.
+
+    Args:
+        source: folder, archive, photo or ``bop:`` image.
+        estimate: depth tool for a photo without depth.
+        field_of_view: horizontal, degrees, of a photo without depth.
+
+    Raises:
+        InputError: a file is missing or unreadable, sizes differ in shape, the camera is incomplete or not finite, too
+            little was measured, or the depth is in another unit than the camera says.
+    """
     return finish_recording(read_recording(source), estimate, field_of_view)
 
 
-def finish_recording(recording: Recording, estimate: Estimator | None, field_of_view: float | None) -> RGBDFrame:
-    """The frame of what `read_recording` found; errors as `read_scene`."""
+def finish_recording(recording: SceneRecording, estimate: Estimator | None, field_of_view: float | None) -> RGBDFrame:
+    """The frame of a recording of `read_recording`; errors as `read_scene`."""
     if recording.measured is not None and recording.camera is not None:
         return assemble_frame(recording, recording.camera, recording.measured)
     if estimate is None:
@@ -68,8 +76,8 @@ def finish_recording(recording: Recording, estimate: Estimator | None, field_of_
     return assemble_frame_from_photo(recording, estimate, field_of_view)
 
 
-def read_recording(source: Path) -> Recording:
-    """What the files of a scene hold, decoded. Raises InputError: as `read_scene`, as far as one file tells."""
+def read_recording(source: Path) -> SceneRecording:
+    """The decoded files of a scene. Raises InputError as `read_scene`, for faults of a single file."""
     check_scene_source(source)
     if is_bop_source(source):
         return read_bop_image(source)
@@ -77,4 +85,4 @@ def read_recording(source: Path) -> Recording:
         return read_scene_folder(source)
     if source.suffix.lower() == ".npz":
         return read_npz_archive(source)
-    return add_camera_to_recording(Recording(source, read_color_picture(source)), source.parent / "camera.json")
+    return add_camera_to_recording(SceneRecording(source, read_color_picture(source)), source.parent / "camera.json")

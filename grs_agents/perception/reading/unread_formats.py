@@ -1,4 +1,4 @@
-"""Captures and models that are no scene as they are: each kind by its suffix, with the way in."""
+"""Captures and models that are no scenes: kind by suffix, with the conversion to a scene."""
 
 from pathlib import Path
 
@@ -37,7 +37,7 @@ KINDS: dict[str, tuple[str, str]] = {
 
 
 def make_unread_format_error(file: Path) -> InputError | None:
-    """The refusal of a file of a known kind that is no scene; None for other suffixes."""
+    """Refusal of a file of a known kind that is no scene; ``None`` for other suffixes."""
     if (kind := KINDS.get(file.suffix.lower())) is None:
         return None
     return InputError(f"{file} is {kind[0]}, which is not read as a scene", kind[1])

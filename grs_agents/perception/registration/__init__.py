@@ -1,1 +1,1 @@
-"""Where a known asset stands: pose hypotheses, registration, and what is left over."""
+"""Registration of matched assets: pose hypotheses, cost, refinement, and unexplained segments."""

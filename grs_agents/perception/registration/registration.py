@@ -1,8 +1,9 @@
-"""Register a matched asset to an object's points: from several turns, by what the camera saw and could see through."""
+"""Register a matched asset to an object's points: pose hypotheses, ICP, and refinement of the cheapest pose."""
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -17,80 +18,74 @@ from grs_agents.base.geometry.transforms import (
 from grs_agents.library.library import Library
 from grs_agents.library.shapes import matrix_from_quaternion
 from grs_agents.perception.asset_surfaces import (
-    Cloud,
-    Surface,
+    RegistrationCloud,
+    SurfaceSamples,
     Symmetry,
     Tree,
     align_point_clouds,
     asset_triangle_corners,
+    cube_rotation_matrices,
     find_asset_symmetry,
     sample_asset_surface,
 )
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.registration.pose_cost import (
     ObservedPoints,
+    SilhouetteWindow,
     residual_per_pose,
     sample_observed_points,
     total_cost_per_pose,
 )
-from grs_agents.perception.registration.pose_hypotheses import propose_initial_poses, propose_shifted_poses
-from grs_agents.perception.registration.silhouette import SeenSilhouette
 from grs_agents.perception.segmentation.candidates import fit_asset_to_box
 from grs_agents.perception.types import Array, Mask, PoseMethod, RGBDFrame, TableFrame, UprightBox
 
 CONFIG = DEFAULT.registration
+HYPOTHESES = CONFIG.hypotheses
 
-Entered = Callable[[Array], Array]
-"""How deep an asset is in other objects at each of (K, 4, 4) poses of the centre of its bounding box, (K,) m."""
+OverlapPerPose = Callable[[Array], Array]
+"""Overlap (K,), m, of an asset with other objects at poses (K, 4, 4) of the centre of its bounding box."""
 
 
 @dataclass(frozen=True)
 class Registered:
-    """Where an asset stands."""
+    """The registered pose of an asset."""
 
     position: Vec3  # centre of its bounding box, m, robot frame
     orientation: Quat  # xyzw
-    size: Vec3  # extents along the axes after the turn, before the yaw, m
-    residual: float  # how far the object's points are off its surface: mean of the nearest 90 %, m
-    method: PoseMethod  # ``registered``, or ``box`` where that fits no worse
-    round: bool  # it looks the same at any yaw
-    cost: float = 0.0  # the residual, and what is unlikely about the pose, m
+    size: Vec3  # extents along the world's axes before the yaw, m
+    residual: float  # distance of the object's points from its surface: mean of the nearest 90 %, m
+    method: PoseMethod  # ``registered``, or ``box`` where the measured box fits no worse
+    round: bool  # rotationally symmetric about the vertical: the yaw is arbitrary
+    cost: float = 0.0  # the residual, and the penalties of the pose, m
 
 
 @dataclass(frozen=True)
 class _Search:
-    """An asset's surface, what was seen of the object, and the known objects around it."""
+    """The search for the pose of an asset among the points of an object."""
 
-    surface: Surface
+    surface: SurfaceSamples
     tree: Tree
     seen: ObservedPoints
     upright: UprightBox
     symmetry: Symmetry
-    entered: Entered | None = None
+    overlap: OverlapPerPose | None = None
 
     @classmethod
     def from_asset(
-        cls, asset: str, library: Library, upright: UprightBox, seen: ObservedPoints, entered: Entered | None = None
+        cls, asset: str, library: Library, upright: UprightBox, seen: ObservedPoints, overlap: OverlapPerPose | None
     ) -> "_Search":
-        """The search for an asset of the library."""
         surface = sample_asset_surface(asset, library)
-        tree, symmetry = Tree(surface.points), find_asset_symmetry(asset, library)
-        return cls(surface, tree, seen, upright, symmetry, entered)
-
-    @property
-    def measured_box_bottom(self) -> float:
-        """Where the measured box begins, m."""
-        return self.upright.center[2] - self.upright.size[2] / 2
+        return cls(surface, Tree(surface.points), seen, upright, find_asset_symmetry(asset, library), overlap)
 
     def cost_per_pose(self, poses: Array, factor: int = 1) -> Array:
-        """What `pose_cost.costs` says, and what is unlikely about each of (K, 4, 4) poses: (K,) m."""
-        if self.entered is None:
-            return self.cost_without_neighbors(poses, factor)
-        beyond = np.maximum(self.entered(poses) - CONFIG.entered, 0)
-        return self.cost_without_neighbors(poses, factor) + CONFIG.entered_weight * beyond
+        """Cost (K,), m, of poses (K, 4, 4), with the penalty for overlap with other objects."""
+        cost = self.cost_without_neighbors(poses, factor)
+        if self.overlap is None:
+            return cost
+        return cost + CONFIG.entered_weight * np.maximum(self.overlap(poses) - CONFIG.entered, 0)
 
     def cost_without_neighbors(self, poses: Array, factor: int = 1) -> Array:
-        """The same, whatever stands around."""
+        """Cost (K,), m, of poses (K, 4, 4): fit to the photo, and penalties for lying, tilted and sunk assets."""
         lying = CONFIG.lying * (poses[:, 2, 2] < 0.9)
         tilted = CONFIG.tilted * (np.abs(poses[:, 2, :3]).max(axis=1) < math.cos(math.radians(0.1)))
         seen = self.seen.subsample_points(factor)
@@ -98,9 +93,22 @@ class _Search:
         sunk = np.maximum(-lowest - CONFIG.sunk, 0)
         return total_cost_per_pose(self.surface, self.tree, poses, seen) + lying + tilted + sunk
 
-    def residual_at_pose(self, pose: Array) -> float:
-        """How far the object's points are off the surface at a pose (4, 4), m."""
-        return float(residual_per_pose(self.surface, self.tree, pose[None], self.seen)[0])
+    def registered(self, pose: Array, size: Vec3, method: PoseMethod) -> Registered:
+        """The outcome at a pose (4, 4)."""
+        residual = float(residual_per_pose(self.surface, self.tree, pose[None], self.seen)[0])
+        return Registered(
+            position=to_vec3(pose[:3, 3]),
+            orientation=matrix_to_quaternion(pose[:3, :3]),
+            size=size,
+            residual=residual,
+            method=method,
+            round=self.is_yaw_symmetric(pose),
+            cost=float(self.cost_without_neighbors(pose[None])[0]),
+        )
+
+    def is_yaw_symmetric(self, pose: Array) -> bool:
+        """Whether an axis of rotational symmetry is vertical at a pose (4, 4)."""
+        return any(abs(float(pose[2, :3] @ axis)) > math.cos(math.radians(5)) for axis in self.symmetry.axes)
 
 
 def register_asset(
@@ -110,13 +118,18 @@ def register_asset(
     frame: RGBDFrame,
     table: TableFrame,
     mask: Mask,
-    entered: Entered | None = None,
+    overlap: OverlapPerPose | None = None,
 ) -> Registered:
-    """Lay an asset into the points of a mask (H, W).
+    """Register an asset to the points of a mask (H, W).
 
     Args:
-        upright: the box measured of the object, where the search begins.
-        entered: how deep the asset is in what is known to stand around, which it is not to be.
+        asset: its library name.
+        library: the library that holds it.
+        upright: the box measured of the object; hypotheses start there.
+        frame: the photo.
+        table: the table in it.
+        mask: the object's pixels.
+        overlap: overlap with known objects around, which is penalised.
 
     Raises:
         UnknownNameError: the library has no such asset.
@@ -124,66 +137,70 @@ def register_asset(
     position, orientation, size = fit_asset_to_box(upright, library.asset(asset).size)
     begin = pose_matrix(matrix_from_quaternion(orientation), np.array(position))
     seen = sample_observed_points(frame, table, mask)
-    search = _Search.from_asset(asset, library, upright, seen, entered)
+    search = _Search.from_asset(asset, library, upright, seen, overlap)
     if len(seen.points) < CONFIG.fewest:
-        return Registered(position, orientation, size, 0.0, "box", _is_yaw_symmetric(begin, search.symmetry))
+        return Registered(position, orientation, size, 0.0, "box", search.is_yaw_symmetric(begin))
     corners = asset_triangle_corners(asset, library)
     corners = corners - (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1))) / 2
-    best = _find_cheapest_pose(search, corners, SeenSilhouette.from_mask(frame, table, mask))
-    off, (registered, boxed) = search.residual_at_pose(best), search.cost_per_pose(np.stack([best, begin]))
-    if registered > boxed - CONFIG.better or off > CONFIG.worst:
-        off, cost = search.residual_at_pose(begin), float(search.cost_without_neighbors(begin[None])[0])
-        return Registered(position, orientation, size, off, "box", _is_yaw_symmetric(begin, search.symmetry), cost)
-    position, rotation = to_vec3(best[:3, 3]), matrix_to_quaternion(best[:3, :3])
-    extents, free = _extents_without_yaw(best[:3, :3], search.surface), _is_yaw_symmetric(best, search.symmetry)
-    cost = float(search.cost_without_neighbors(best[None])[0])
-    return Registered(position, rotation, extents, off, "registered", free, cost)
+    best = _find_cheapest_pose(search, corners, SilhouetteWindow.from_mask(frame, table, mask))
+    registered_cost, box_cost = search.cost_per_pose(np.stack([best, begin]))
+    registered = search.registered(best, _extents_without_yaw(best[:3, :3], search.surface), "registered")
+    if registered_cost > box_cost - CONFIG.better or registered.residual > CONFIG.worst:
+        boxed = search.registered(begin, size, "box")
+        return replace(boxed, position=position, orientation=orientation)
+    return registered
 
 
 def registration_cost(
     asset: str, pose: Pose, library: Library, upright: UprightBox, frame: RGBDFrame, table: TableFrame, mask: Mask
 ) -> float:
-    """What `Registered` calls its cost, m, of an asset whose bounding box has its centre and rotation at ``pose``."""
-    search = _Search.from_asset(asset, library, upright, sample_observed_points(frame, table, mask))
-    return float(
-        search.cost_without_neighbors(pose_matrix(matrix_from_quaternion(pose[1]), np.array(pose[0]))[None])[0]
-    )
+    """The cost of `Registered`, m, of an asset whose bounding box has its centre and rotation at ``pose``."""
+    search = _Search.from_asset(asset, library, upright, sample_observed_points(frame, table, mask), None)
+    matrix = pose_matrix(matrix_from_quaternion(pose[1]), np.array(pose[0]))
+    return float(search.cost_without_neighbors(matrix[None])[0])
 
 
-def _is_yaw_symmetric(pose: Array, symmetry: Symmetry) -> bool:
-    return any(abs(float(pose[2, :3] @ axis)) > math.cos(math.radians(5)) for axis in symmetry.axes)
-
-
-def _extents_without_yaw(turn: Array, surface: Surface) -> Vec3:
-    """Extents along the world's axes once the yaw is taken back, for a turn that may lean."""
+def _extents_without_yaw(turn: Array, surface: SurfaceSamples) -> Vec3:
+    """Extents (m) along the world's axes once the yaw of a rotation (3, 3), which may lean, is removed."""
     up = int(np.argmax(np.abs(turn[2])))
     side = turn[:, (up + 1) % 3]
     yaw = math.atan2(side[1], side[0])
     yaw -= round(yaw / (math.pi / 2)) * math.pi / 2
-    x, y, z = (float(value) for value in 2 * np.abs(rotation_about_z(-yaw) @ turn) @ surface.half)
-    return (x, y, z)
+    return to_vec3(2 * np.abs(rotation_about_z(-yaw) @ turn) @ surface.half)
 
 
-def _find_cheapest_pose(search: _Search, corners: Array, silhouette: SeenSilhouette) -> Array:
-    """The pose (4, 4) that costs least; of poses that agree with the points, the ``silhouette`` tells.
-    ``corners`` (T, 3, 3) are the asset's triangles around the centre of its bounding box."""
+def _find_cheapest_pose(search: _Search, corners: Array, silhouette: SilhouetteWindow) -> Array:
+    """The pose (4, 4) of least cost; the silhouette decides among poses that agree with the points.
+
+    ``corners`` (T, 3, 3) are the asset's triangles about the centre of its bounding box.
+    """
 
     def cost_with_silhouette(poses: Array, factor: int) -> Array:
-        differs = silhouette.difference_per_pose(corners, poses)
-        return search.cost_per_pose(poses, factor) + CONFIG.silhouette.weight * differs
+        differences = silhouette.difference_per_pose(corners, poses)
+        return search.cost_per_pose(poses, factor) + CONFIG.silhouette.weight * differences
 
     half = search.surface.half
     seen = search.seen.subsample_points(CONFIG.medium)
-    source = Cloud(seen.points)
+    source = RegistrationCloud(seen.points)
     every = propose_initial_poses(half, search.symmetry, search.upright, seen, source.normals)
     good = every[np.argsort(search.cost_per_pose(every, CONFIG.coarse), kind="stable")[: CONFIG.slid]]
     more = np.concatenate([good, propose_shifted_poses(good, half, search.seen)])
-    chosen = _select_distinct_poses(more[np.argsort(search.cost_per_pose(more, CONFIG.coarse), kind="stable")], search)
-    poses = [chosen[0]]
-    for start in chosen:
+    ranked = more[np.argsort(search.cost_per_pose(more, CONFIG.coarse), kind="stable")]
+    starts: list[Array] = []  # the first few that neither are near each other nor look alike
+    for pose in ranked:
+        if all(
+            np.linalg.norm(pose[:3, 3] - start[:3, 3]) > CONFIG.apart
+            or search.symmetry.rotation_error_degrees(pose[:3, :3], start[:3, :3]) > CONFIG.look_angle
+            for start in starts
+        ):
+            starts.append(pose)
+        if len(starts) == CONFIG.aligned:
+            break
+    poses = [starts[0]]
+    for start in starts:
         aligned = _align_to_visible_surface(search, start, source)
-        straight = _snap_pose_to_resting_side(aligned, search)
-        poses += [aligned] if straight is None else [aligned, straight]
+        resting = _snap_pose_to_resting_side(aligned, search)
+        poses += [aligned] if resting is None else [aligned, resting]
     stack = np.stack(poses)
     best = stack[np.argsort(cost_with_silhouette(stack, CONFIG.medium), kind="stable")[: CONFIG.refined]]
     refined = np.stack([_refine_pose(pose, search.cost_per_pose, CONFIG.steps, CONFIG.medium) for pose in best])
@@ -191,32 +208,18 @@ def _find_cheapest_pose(search: _Search, corners: Array, silhouette: SeenSilhoue
     return _refine_pose(cheapest, cost_with_silhouette, CONFIG.steps[-CONFIG.last :], 1)
 
 
-def _select_distinct_poses(poses: Array, search: _Search) -> list[Array]:
-    """The first few of (K, 4, 4) poses that are neither near each other nor look alike."""
-    chosen: list[Array] = []
-    for pose in poses:
-        if all(
-            np.linalg.norm(pose[:3, 3] - other[:3, 3]) > CONFIG.apart
-            or search.symmetry.rotation_error_degrees(pose[:3, :3], other[:3, :3]) > CONFIG.look_angle
-            for other in chosen
-        ):
-            chosen.append(pose)
-        if len(chosen) == CONFIG.aligned:
-            break
-    return chosen
-
-
-def _align_to_visible_surface(search: _Search, start: Array, source: Cloud) -> Array:
-    """Align the points with the part of the surface that the camera sees at the pose before, twice."""
+def _align_to_visible_surface(search: _Search, start: Array, source: RegistrationCloud) -> Array:
+    """Align the points with the part of the surface that is visible at the present pose, twice (ICP)."""
     pose = start
     for reach in (CONFIG.partner_distance, CONFIG.partner_distance / 2):
         turn = pose[:3, :3]
-        points, normals = (one[: len(one) // CONFIG.medium] for one in (search.surface.points, search.surface.normals))
+        count = len(search.surface.points) // CONFIG.medium
+        points, normals = search.surface.points[:count], search.surface.normals[:count]
         gaze = points @ turn.T + pose[:3, 3] - search.seen.camera_position
         facing = np.einsum("ni,ni->n", normals @ turn.T, gaze) < 0
         if facing.sum() < CONFIG.fewest:
             return pose
-        pose = _invert_pose(align_point_clouds(Cloud(points[facing]), source, _invert_pose(pose), reach))
+        pose = _invert_pose(align_point_clouds(RegistrationCloud(points[facing]), source, _invert_pose(pose), reach))
     return pose
 
 
@@ -225,7 +228,7 @@ def _invert_pose(pose: Array) -> Array:
 
 
 def _snap_pose_to_resting_side(pose: Array, search: _Search) -> Array | None:
-    """The pose on the side it nearly rests on, at the height of what it rests on; ``None`` where it leans."""
+    """The pose turned onto the side it nearly rests on, at the height of its support; ``None`` where it leans."""
     turn = pose[:3, :3]
     up = int(np.argmax(np.abs(turn[2])))
     axis = turn[:, up] * np.sign(turn[2, up])
@@ -235,16 +238,15 @@ def _snap_pose_to_resting_side(pose: Array, search: _Search) -> Array | None:
     whole = rotation_about_axis(np.cross(axis, (0.0, 0.0, 1.0)), angle) @ turn
     height = float(np.abs(whole[2]) @ search.surface.half)
     bottom = float(pose[2, 3]) - height
-    rests = abs(bottom - search.measured_box_bottom) < CONFIG.rests
-    return pose_matrix(
-        whole, np.array([pose[0, 3], pose[1, 3], (search.measured_box_bottom if rests else bottom) + height])
-    )
+    box_bottom = search.upright.center[2] - search.upright.size[2] / 2
+    rests = abs(bottom - box_bottom) < CONFIG.rests
+    return pose_matrix(whole, np.array([pose[0, 3], pose[1, 3], (box_bottom if rests else bottom) + height]))
 
 
 def _refine_pose(
     pose: Array, cost_per_pose: Callable[[Array, int], Array], steps: Sequence[tuple[float, float]], factor: int
 ) -> Array:
-    """Shift and turn about z in ever smaller steps for as long as it costs less, by one of ``factor`` samples."""
+    """Pattern search: shift along the axes and turn about z by ever smaller steps while the cost falls."""
     best, least = pose, float(cost_per_pose(pose[None], factor)[0])
     for shift, angle in steps:
         for _ in range(3):
@@ -260,3 +262,91 @@ def _refine_pose(
                 break
             best, least = tried[first], float(values[first])
     return best
+
+
+def propose_initial_poses(
+    half: Array, symmetry: Symmetry, upright: UprightBox, seen: ObservedPoints, normals: Array
+) -> Array:
+    """Pose hypotheses (K, 4, 4): each distinct side of the asset up in the measured box, and on the visible planes.
+
+    Args:
+        half: half the asset's extents (3,), m.
+        symmetry: the asset's symmetry; of poses that look alike the first is proposed.
+        upright: the measured box.
+        seen: the object's points.
+        normals: unit normals (N, 3) at the points.
+    """
+    turns = _distinct_quarter_turns(symmetry.turns.tobytes(), symmetry.axes.tobytes())
+    bottom, top = (upright.center[2] + side * upright.size[2] / 2 for side in (-1, 1))
+    poses: list[Array] = []
+    for between in (0.0, math.pi / 4):
+        for turn in turns:
+            whole = rotation_about_z(upright.yaw + between) @ turn
+            height = float(np.abs(turn[2]) @ half)
+            poses.append(pose_matrix(whole, np.array([*upright.center[:2], bottom + height])))
+            if top - height > bottom + height / 5:  # its bottom may be hidden: align the tops
+                poses.append(pose_matrix(whole, np.array([*upright.center[:2], top - height])))
+    axes = estimate_leaning_axes(seen, normals)
+    if axes is not None:
+        # The visible sides are the outermost points: along each axis the centre lies half an extent behind them.
+        low, high = np.percentile(seen.points @ axes, (2, 98), axis=0)
+        to_eye = (seen.camera_position - seen.points.mean(axis=0)) @ axes
+        distance = float(np.linalg.norm(to_eye))
+        near, away = to_eye > HYPOTHESES.oblique * distance, to_eye < -HYPOTHESES.oblique * distance
+        for turn in turns:
+            extents, middle = np.abs(turn) @ half, (low + high) / 2
+            middle[near], middle[away] = (high - extents)[near], (low + extents)[away]
+            poses.append(pose_matrix(axes @ turn, np.asarray(axes @ middle, np.float64)))
+    return np.stack(poses)
+
+
+def propose_shifted_poses(poses: Array, half: Array, seen: ObservedPoints) -> Array:
+    """Shifted poses (K, 4, 4): the visible part of a partly hidden object may be either end of the asset."""
+    shifted: list[Array] = []
+    for pose in poses:
+        low, high = np.percentile((seen.points - pose[:3, 3]) @ pose[:3, :3], (2, 98), axis=0)
+        for axis in range(3):
+            if abs(2 * half[axis] - (high - low)[axis]) < HYPOTHESES.hidden or abs(pose[2, axis]) > 0.7:
+                continue
+            for shift in (low[axis] + half[axis], high[axis] - half[axis]):
+                shifted.append(pose_matrix(pose[:3, :3], pose[:3, 3] + shift * pose[:3, axis]))
+    return np.stack(shifted) if shifted else poses[:0]
+
+
+@lru_cache(maxsize=128)
+def _distinct_quarter_turns(turns: bytes, axes: bytes) -> tuple[Array, ...]:
+    """The quarter turns of which no two look alike, for the arrays of a `Symmetry` as bytes."""
+    symmetry = Symmetry(np.frombuffer(turns).reshape(-1, 3, 3), np.frombuffer(axes).reshape(-1, 3))
+    distinct: list[Array] = []
+    for turn in cube_rotation_matrices():
+        if all(symmetry.rotation_error_degrees(turn, earlier) >= 1.0 for earlier in distinct):
+            distinct.append(turn)
+    return tuple(distinct)
+
+
+def estimate_leaning_axes(seen: ObservedPoints, normals: Array) -> Array | None:
+    """Axes (3, 3) of a leaning object: the normal of its largest plane, of a plane across it, and the third.
+
+    ``None`` where an axis is vertical, as it is for upright objects.
+    """
+    outwards = normals * -np.sign(np.einsum("ni,ni->n", normals, seen.points - seen.camera_position))[:, None]
+    alike = outwards @ outwards.T > math.cos(HYPOTHESES.same_plane)
+    first = _mean_normal(outwards, alike[int(alike.sum(axis=1).argmax())])
+    across = np.abs(outwards @ first) < math.sin(HYPOTHESES.same_plane)
+    counts = (alike & across[:, None] & across).sum(axis=1)
+    most = int(counts.argmax())
+    if counts[most] > HYPOTHESES.second_plane * len(outwards):
+        second = _mean_normal(outwards, alike[most] & across)
+        second -= (second @ first) * first
+    else:  # the longer side within the plane
+        flat = seen.points - seen.points.mean(axis=0)
+        flat -= np.outer(flat @ first, first)
+        second = np.linalg.svd(flat, full_matrices=False)[2][0]
+    second /= np.linalg.norm(second)
+    axes = np.stack([second, np.cross(first, second), first], axis=1)
+    return None if np.abs(axes[2]).max() > math.cos(HYPOTHESES.level) else axes
+
+
+def _mean_normal(normals: Array, chosen: Array) -> Array:
+    total = normals[np.asarray(chosen, np.bool_)].sum(axis=0)
+    return total / max(float(np.linalg.norm(total)), 1e-9)

@@ -1,7 +1,6 @@
-"""Which object a pixel shows is told by its colour where depth does not tell: what is dark, shiny or in the sensor's
-shadow has none, and between two surfaces it is mixed."""
+"""Object borders by colour, where depth is missing (dark, shiny or shadowed surfaces) or mixed (flying pixels)."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations_with_replacement
 
@@ -15,7 +14,7 @@ from grs_agents.perception.segmentation.configuration import ColorBorders
 from grs_agents.perception.types import Array, Candidate, Image, Mask, RGBDFrame
 from grs_agents.perception.working_resolution import downscale_frame, downscale_mask, repeat_cells
 
-TABLE = 1  # the marker of everything that is no object; an object's is the next number after its own
+TABLE = 1  # watershed marker of everything that is no object; an object's marker is its number + 1
 
 
 def fit_masks_to_color(
@@ -24,72 +23,68 @@ def fit_masks_to_color(
     left_out: Mask,
     config: ColorBorders = DEFAULT.segmentation.color_borders,
 ) -> tuple[Candidate, ...]:
-    """The objects with the pixels without depth that show them, and with their borders where colours change. From the
-    rest of the pixels a watershed of the photo's colours (Meyer, "Color image segmentation", 1992) goes in, and its
-    parts meet where the colours change. On a border each pixel then goes to whom the colours around it say. Without
-    depth an object reaches only a little beyond its convex outline. One that the user gave stays as it is. So do
-    borders in a photo larger than the working size, which were fitted to it.
+    """Extend the objects over pixels without depth, and move their borders to colour edges.
+
+    Pixels without depth are flooded by a watershed of the photo's colours (Meyer, "Color image segmentation", 1992), up
+    to a margin around each object's convex outline. Border pixels are then reassigned by the colours around them.
+    Objects given by the user stay as they are. So do borders in a photo larger than the working size.
 
     Args:
         objects: numbered from 1.
         frame: the photo.
-        left_out: (H, W) what is known to be no object.
+        left_out: (H, W) pixels known to be no object.
     """
     small, factor = downscale_frame(frame)
-    masks = {one.id: downscale_mask(one.mask, factor) for one in objects}
+    masks = {item.id: downscale_mask(item.mask, factor) for item in objects}
     before = np.full(small.depth.shape, TABLE, np.int32)
     for number in sorted(masks, key=lambda number: -np.count_nonzero(masks[number])):
         before[masks[number]] = TABLE + number
-    near = _grown_outlines(masks, config.reach)
-    fixed = downscale_mask(left_out, factor) | np.isin(before, [TABLE + one.id for one in objects if one.given])
+    square = np.ones((2 * config.reach + 1,) * 2, np.uint8)
+    near = {
+        number: cv2.dilate(convex_outline_mask(mask).astype(np.uint8), square) > 0
+        for number, mask in masks.items()
+        if mask.any()
+    }
+    fixed = downscale_mask(left_out, factor) | np.isin(before, [TABLE + item.id for item in objects if item.given])
     within = np.logical_or.reduce([np.zeros_like(fixed), *near.values()])
     unknown = (before == TABLE) & (small.depth <= 0) & within & ~fixed
-    border = _borders(before, config) & ~fixed & ~unknown if factor == 1 else np.zeros_like(fixed)
+    border = np.zeros_like(fixed)
+    if factor == 1:  # but for objects that are hardly more than their border
+        square, values = np.ones((2 * config.border + 1,) * 2, np.uint8), before.astype(np.float32)
+        border = np.asarray(cv2.dilate(values, square) != cv2.erode(values, square), np.bool_)
+        whole, inner = np.bincount(before.ravel()), np.bincount(before[~border], minlength=int(before.max()) + 1)
+        border &= (inner >= config.inner * whole)[before] & ~fixed & ~unknown
     if not (unknown | border).any():
         return tuple(objects)
     owners = cv2.watershed(np.ascontiguousarray(small.rgb), np.where(unknown | border, 0, before).astype(np.int32))
-    owners = np.where(owners < 0, before, owners)  # where two parts meet
-    owners = _owners_by_colors_around(owners, border, ~(unknown | border), small.rgb, config)
+    owners = np.where(owners < 0, before, owners)  # watershed lines
+    if border.any():
+        owners = _reassign_border_by_color(owners, border, ~(unknown | border), small.rgb, config)
     for number, outline in near.items():
         owners[unknown & (owners == TABLE + number) & ~outline] = TABLE
     free = (frame.depth <= 0) & ~left_out
-    for one in objects:
-        free &= ~one.mask
+    for item in objects:
+        free &= ~item.mask
     free |= repeat_cells(border, frame, factor)
 
-    def fitted(one: Candidate) -> Candidate:
-        was, now = before == TABLE + one.id, owners == TABLE + one.id
-        if one.given or (was == now).all():
-            return one
-        mask = (one.mask & ~repeat_cells(was & ~now, frame, factor)) | (repeat_cells(now, frame, factor) & free)
-        return replace(one, mask=mask, crop=crop_segment(frame, mask))
-
-    return tuple(map(fitted, objects))
-
-
-def _grown_outlines(masks: Mapping[int, Mask], by: int) -> dict[int, Mask]:
-    """The convex outline of each mask (h, w) that holds a pixel, grown by so many pixels."""
-    square = np.ones((2 * by + 1,) * 2, np.uint8)
-    outlines = {number: convex_outline_mask(mask).astype(np.uint8) for number, mask in masks.items() if mask.any()}
-    return {number: cv2.dilate(outline, square) > 0 for number, outline in outlines.items()}
+    fitted: list[Candidate] = []
+    for item in objects:
+        was, now = before == TABLE + item.id, owners == TABLE + item.id
+        if item.given or (was == now).all():
+            fitted.append(item)
+            continue
+        kept = item.mask & ~repeat_cells(was & ~now, frame, factor)
+        mask = kept | (repeat_cells(now, frame, factor) & free)
+        fitted.append(replace(item, mask=mask, crop=crop_segment(frame, mask)))
+    return tuple(fitted)
 
 
-def _borders(owners: Labels, config: ColorBorders) -> Mask:
-    """(h, w) the pixels beside such of another owner, but for those of what is hardly more than its border."""
-    square, values = np.ones((2 * config.border + 1,) * 2, np.uint8), owners.astype(np.float32)
-    border = np.asarray(cv2.dilate(values, square) != cv2.erode(values, square), np.bool_)
-    whole, inner = np.bincount(owners.ravel()), np.bincount(owners[~border], minlength=int(owners.max()) + 1)
-    return border & (inner >= config.inner * whole)[owners]
+def _reassign_border_by_color(owners: Labels, border: Mask, known: Mask, rgb: Image, config: ColorBorders) -> Labels:
+    """(h, w) owners, with each ``border`` pixel assigned to its likeliest owner by colour.
 
-
-def _owners_by_colors_around(owners: Labels, border: Mask, known: Mask, rgb: Image, config: ColorBorders) -> Labels:
-    """(h, w) the owners, where each pixel of the ``border`` goes to the owner that its colour speaks for most.
-
-    Whether a pixel is an owner's is a linear function of its colour, fitted to the ``known`` pixels around it, as in a
-    guided filter (He et al., "Guided image filtering", ECCV 2010).
+    The likelihood is a linear function of colour, fitted to the ``known`` pixels around it, as in a guided filter (He
+    et al., "Guided image filtering", ECCV 2010).
     """
-    if not border.any():
-        return owners
     side, colors = (2 * config.around + 1,) * 2, rgb.astype(np.float64) / 255
 
     def around(picture: Array) -> Array:
@@ -97,27 +92,29 @@ def _owners_by_colors_around(owners: Labels, border: Mask, known: Mask, rgb: Ima
         return np.asarray(sums, np.float64)
 
     weight = known.astype(np.float64)
-    count, own = around(weight)[border] + 1e-6, colors[border]
+    count, color = around(weight)[border] + 1e-6, colors[border]
     mean = around(colors * weight[..., None])[border] / count[:, None]
-    spread = np.empty((len(own), 3, 3))
+    spread = np.empty((len(color), 3, 3))
     for first, second in combinations_with_replacement(range(3), 2):
         products = around(colors[..., first] * colors[..., second] * weight)[border] / count
         spread[:, first, second] = spread[:, second, first] = products - mean[:, first] * mean[:, second]
     spread += config.color_noise**2 * np.eye(3)
-    pull = np.linalg.solve(spread, (own - mean)[..., None])[..., 0]
+    pull = np.linalg.solve(spread, (color - mean)[..., None])[..., 0]
     index = np.full(border.shape, -1, np.int64)
-    index[border] = np.arange(len(own))
-    most, found, before = np.full(len(own), -np.inf), owners[border], owners[border]
+    index[border] = np.arange(len(color))
+    most, found, before = np.full(len(color), -np.inf), owners[border], owners[border]
     for owner in np.unique(owners[known]).tolist():
         mine = known & (owners == owner)
         window = grow_window(mask_bounding_slices(mine), config.around)
         here = border[window]
         at, share = index[window][here], weight[window] * mine[window]
         mixed = around(colors[window] * share[..., None])[here] / count[at, None]
-        speaks = around(share)[here] / count[at]
-        speaks += ((mixed - mean[at] * speaks[:, None]) * pull[at]).sum(axis=1) + config.stay * (before[at] == owner)
-        found[at] = np.where(speaks > most[at], owner, found[at])
-        most[at] = np.maximum(most[at], speaks)
+        likelihood = around(share)[here] / count[at]
+        likelihood += ((mixed - mean[at] * likelihood[:, None]) * pull[at]).sum(axis=1) + config.stay * (
+            before[at] == owner
+        )
+        found[at] = np.where(likelihood > most[at], owner, found[at])
+        most[at] = np.maximum(most[at], likelihood)
     changed = owners.copy()
     changed[border] = found
     return changed

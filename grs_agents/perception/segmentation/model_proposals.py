@@ -1,5 +1,4 @@
-"""Segment by the masks that a model proposes: what stands on the table is kept, overlaps are resolved, and parts of one
-object are merged by depth."""
+"""Segmentation from a model's mask proposals: filtered to the table, overlaps resolved, parts merged by depth."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -31,103 +30,101 @@ from grs_agents.perception.working_resolution import downscale_frame, upscale_la
 class Proposal:
     """A mask that a model proposes."""
 
-    mask: Mask  # (H, W) its pixels
-    score: float  # how good the model thinks it is, 0 to 1
-    is_box: bool = False  # whether the mask is but the box around an object, which depth has yet to fill
+    mask: Mask  # (H, W)
+    score: float  # the model's confidence, 0 to 1
+    is_box: bool = False  # whether the mask is a bounding box, to be filled by depth
 
 
 Proposer = Callable[[Image, Mask], Iterable[Proposal]]
-"""Asked with a photo and the (h, w) pixels where objects may be, of the same view but perhaps smaller; answers with
-(h, w) masks."""
+"""Maps a photo and the (h, w) pixels that may show objects, of the same view but perhaps smaller, to (h, w) masks."""
 
 
 def segment_from_proposals(
     frame: RGBDFrame, table: TableFrame, proposer: Proposer, config: Segmentation = DEFAULT.segmentation
 ) -> Labels:
-    """(H, W) labels: 0 for table and background, 1..N for what the proposals make of the objects on the table."""
+    """(H, W) labels: 0 for table and background, 1..N for the proposed objects on the table."""
     small, factor = downscale_frame(frame)
     rows, columns = small.depth.shape
     smooth = smooth_frame_depth(small)
     points = robot_frame_point_map(smooth, table)
     above = foreground_pixel_mask(points, smooth.depth, np.asarray(table.T_robot_cam)[:3, 3], config.foreground)
     patches = cut_smooth_patches(smooth, above, config.patches)
-    asked = proposer(frame.rgb[: rows * factor, : columns * factor], above | (smooth.depth <= 0))
-    filled = (box_to_mask_of_patches(one, patches, config.proposals) if one.is_box else one for one in asked)
+    proposals = proposer(frame.rgb[: rows * factor, : columns * factor], above | (smooth.depth <= 0))
+    filled = (
+        box_to_mask_of_patches(proposal, patches, config.proposals) if proposal.is_box else proposal
+        for proposal in proposals
+    )
     kept = suppress_duplicate_masks(filter_proposals_on_table(filled, above, points, config), config.proposals.alike)
     labels = paint_proposal_labels(kept, smooth, int(config.filter.smallest * smooth.depth.size))
-    labels = _add_unclaimed_patches(_join_smooth_parts(labels, kept, smooth, config), patches, config.proposals)
+    labels = _join_smooth_parts(labels, kept, smooth, config)
+    # Smooth patches that the proposals leave uncovered are objects too, unknown to the model.
+    free = labels == 0
+    whole, left = (np.bincount(patches[where], minlength=int(patches.max()) + 1) for where in (patches > 0, free))
+    missed = left >= config.proposals.covered * np.maximum(whole, 1)
+    missed[0] = False
+    labels = np.where(free & missed[patches], patches + labels.max(), labels).astype(np.int32)
     labels = merge_parts(labels, points, small.rgb, config)
     labels = filter_object_segments(labels, smooth, points, table, config)
     return labels if factor == 1 else upscale_labels(labels, small, frame, factor)
 
 
 def box_to_mask_of_patches(box: Proposal, patches: Labels, config: MaskProposals) -> Proposal:
-    """The smooth patches, (H, W) labels, that lie in a box: what it holds of its neighbours is cut by it."""
+    """Mask of the smooth patches, (H, W) labels, inside a box; patches of neighbours are cut by its border."""
     whole, held = (np.bincount(patches[where], minlength=int(patches.max()) + 1) for where in (patches >= 0, box.mask))
     inside = held >= config.covered * whole
     inside[0] = False
     return Proposal(inside[patches], box.score)
 
 
-def _add_unclaimed_patches(labels: Labels, patches: Labels, config: MaskProposals) -> Labels:
-    """The labels with the smooth patches of which no proposal holds as much as the model may leave out: what it does
-    not know stands on the table all the same."""
-    free = labels == 0
-    whole, left = (np.bincount(patches[where], minlength=int(patches.max()) + 1) for where in (patches > 0, free))
-    missed = left >= config.covered * np.maximum(whole, 1)
-    missed[0] = False
-    taken = free & missed[patches]
-    return np.where(taken, patches + labels.max(), labels).astype(np.int32)
-
-
 def filter_proposals_on_table(
     proposals: Iterable[Proposal], above: Mask, points: Array, config: Segmentation
 ) -> list[Proposal]:
-    """The proposals of which most stands on the table (``above``), without islands, holes, and the table around them.
-    What is longer than an object may be is a group, or all that is in the picture. ``points`` are (H, W, 3) in the
+    """The proposals that mostly stand on the table (``above``), without islands, holes, and the table around them.
+
+    Proposals longer than an object are groups, or the whole picture, and are left out. ``points`` are (H, W, 3) in the
     robot frame, NaN where unknown."""
     bounds = config.proposals
     unknown = np.isnan(points[..., 2])
     smallest = int(config.filter.smallest * above.size)
     near = cv2.dilate((above | unknown).astype(np.uint8), np.ones((2 * bounds.spill + 1,) * 2, np.uint8)) > 0
     kept: list[Proposal] = []
-    for one in proposals:
-        standing = int((one.mask & above).sum())
-        measured = int((one.mask & ~unknown).sum())
-        if standing < max(smallest, bounds.standing * measured, bounds.seen * int(one.mask.sum())):
+    for proposal in proposals:
+        standing = int((proposal.mask & above).sum())
+        measured = int((proposal.mask & ~unknown).sum())
+        if standing < max(smallest, bounds.standing * measured, bounds.seen * int(proposal.mask.sum())):
             continue
-        extent = np.ptp(np.percentile(points[one.mask & above][:, :2], (2, 98), axis=0), axis=0).max()
+        extent = np.ptp(np.percentile(points[proposal.mask & above][:, :2], (2, 98), axis=0), axis=0).max()
         if extent > DEFAULT.measuring.largest:
             continue
-        mask: Mask = label_connected_components((one.mask & near).astype(np.uint8), smallest) > 0
+        mask: Mask = label_connected_components((proposal.mask & near).astype(np.uint8), smallest) > 0
         mask = label_connected_components((~mask).astype(np.uint8), smallest) == 0
         if int((mask & above).sum()) >= smallest:
-            kept.append(Proposal(mask, one.score))
+            kept.append(Proposal(mask, proposal.score))
     return kept
 
 
 def suppress_duplicate_masks(proposals: Sequence[Proposal], alike: float) -> list[Proposal]:
-    """Non-maximum suppression: the best first, without those that are like a better one; the earlier of equals."""
+    """Non-maximum suppression by intersection over union ``alike``, the best score first; the earlier of equals."""
     order = sorted(range(len(proposals)), key=lambda number: (-proposals[number].score, number))
     packed = [np.packbits(proposals[number].mask) for number in order]
     areas = [int(np.bitwise_count(bits).sum()) for bits in packed]
     kept: list[int] = []
-    for one, bits in enumerate(packed):
-        for other in kept:
-            if min(areas[one], areas[other]) <= alike * max(areas[one], areas[other]):
-                continue  # at most the smaller is shared, and the union is at least the larger
-            shared = int(np.bitwise_count(bits & packed[other]).sum())
-            if shared > alike * (areas[one] + areas[other] - shared):
+    for rank, bits in enumerate(packed):
+        for better in kept:
+            if min(areas[rank], areas[better]) <= alike * max(areas[rank], areas[better]):
+                continue  # the intersection is at most the smaller, the union at least the larger
+            shared = int(np.bitwise_count(bits & packed[better]).sum())
+            if shared > alike * (areas[rank] + areas[better] - shared):
                 break
         else:
-            kept.append(one)
-    return [proposals[order[one]] for one in kept]
+            kept.append(rank)
+    return [proposals[order[rank]] for rank in kept]
 
 
 def paint_proposal_labels(proposals: Sequence[Proposal], frame: RGBDFrame, smallest: int) -> Labels:
-    """(H, W) one label for each proposal, the smaller on top; slivers that are left of one go to what they touch."""
+    """(H, W) labels of the proposals, the smaller on top; remaining slivers go to the segment they touch."""
     labels = np.zeros(frame.depth.shape, np.int32)
-    for number in sorted(range(len(proposals)), key=lambda one: -int(proposals[one].mask.sum())):
+    for number in sorted(range(len(proposals)), key=lambda number: -int(proposals[number].mask.sum())):
         labels[proposals[number].mask] = number + 1
     whole = np.zeros_like(labels)
     for number in range(1, len(proposals) + 1):
@@ -137,8 +134,9 @@ def paint_proposal_labels(proposals: Sequence[Proposal], frame: RGBDFrame, small
 
 
 def _join_smooth_parts(labels: Labels, proposals: Sequence[Proposal], frame: RGBDFrame, config: Segmentation) -> Labels:
-    """Join the parts that one proposal covers where the depth between them neither jumps nor creases.
-    A print on a box, or its faces, are parts of it; so the depth says, and a mask of the whole that is no worse than
+    """Join the parts that a proposal covers if the depth between them neither jumps nor creases.
+
+    A print on a box, or its faces, are parts of it: so say the depth, and a mask of the whole with no lower score than
     theirs. Without such a mask two boxes side by side stay two."""
     measured = np.where(frame.depth > 0, labels, 0)
     around = np.ones((2 * config.proposals.blur + 1,) * 2, np.uint8)
@@ -148,19 +146,12 @@ def _join_smooth_parts(labels: Labels, proposals: Sequence[Proposal], frame: RGB
     strength: Array = np.asarray(cv2.dilate(bend, around), np.float64)
     count = int(labels.max()) + 1
     borders = measure_label_borders(measured, strength, jump, jump, config.patches.jump)
-    length, total = (np.pad(one, (0, count - len(one))) for one in borders)
-    together = _label_pairs_in_one_proposal(labels, proposals, config.proposals)
-    return join_smooth_neighbors(labels, length, total, together, config.patches)
-
-
-def _label_pairs_in_one_proposal(labels: Labels, proposals: Sequence[Proposal], config: MaskProposals) -> Mask:
-    """(N+1, N+1) which two labels a proposal covers whose score is not below that of both."""
-    count = int(labels.max()) + 1
+    length, total = (np.pad(border, (0, count - len(border))) for border in borders)
     areas = np.maximum(np.bincount(labels.ravel(), minlength=count), 1)
-    scores = np.array([1.0, *(one.score for one in proposals)])[:count]
+    scores = np.array([1.0, *(proposal.score for proposal in proposals)])[:count]
     together = np.zeros((count, count), np.bool_)
-    for one in proposals:
-        held = np.bincount(labels[one.mask], minlength=count) >= config.covered * areas
+    for proposal in proposals:
+        held = np.bincount(labels[proposal.mask], minlength=count) >= config.proposals.covered * areas
         held[0] = False
-        together |= held[:, None] & held & (one.score >= np.minimum(scores[:, None], scores))
-    return together
+        together |= held[:, None] & held & (proposal.score >= np.minimum(scores[:, None], scores))
+    return join_smooth_neighbors(labels, length, total, together, config.patches)

@@ -1,5 +1,8 @@
-"""Merge the patches that are parts of one object: the walls of hollow objects, what lies inside them, handles and other
-parts in the air, and fragments."""
+"""Merging of patches that are parts of an object: walls of hollow objects and their inside, handles, caps, fragments.
+
+Walls are recognised at occlusion boundaries. Over the near wall of a hollow object, the surface behind lies deep in the
+middle and rises to the rim at both ends, where near and far wall meet. An object behind another object does not rise.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,6 +13,7 @@ import numpy as np
 
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import (
+    Index,
     Labels,
     compute_percentiles,
     convex_footprint_hull,
@@ -18,18 +22,72 @@ from grs_agents.perception.image_geometry import (
     points_in_hull_mask,
 )
 from grs_agents.perception.segmentation.configuration import Segmentation
-from grs_agents.perception.segmentation.hollow_shapes import is_open_at_top, is_solid_object
-from grs_agents.perception.segmentation.occlusion_edges import OcclusionEdges
+from grs_agents.perception.segmentation.footprints import is_open_at_top, is_solid_object
 from grs_agents.perception.segmentation.piece_colors import color_bins, color_histogram, lab_colors
 from grs_agents.perception.types import Array, Image
 
-# A cap, or the wall of a bowl in its own shadow, often has a colour of its own. Most tabs and handles have that of the
-# whole.
+# A cap, or the wall of a bowl in its own shadow, often differs in colour from the whole; tabs and handles rarely do.
 _OF_ONE_COLOR = frozenset({"tab", "unsupported"})
+_EMPTY: Index = np.zeros(0, np.intp)
+
+
+class OcclusionEdges:
+    """Upper edges of the parts of a label image (H, W), each with the next part above it in the same column."""
+
+    def __init__(self, labels: Labels, points: Array, config: Segmentation = DEFAULT.segmentation) -> None:
+        self.config, self.deep = config.rim, config.hollow.deep
+        rows, columns = np.nonzero((labels[1:] != labels[:-1]) & (labels[1:] > 0))
+        numbers = np.arange(len(labels))[:, None]
+        at = np.maximum.accumulate(np.where(labels > 0, numbers, -1), axis=0)[rows, columns]
+        seen = at >= 0
+        rows, at, self.columns = rows[seen] + 1, at[seen], columns[seen]
+        self.edges, self.seen = points[rows, self.columns], points[at, self.columns]
+        count = int(labels.max()) + 1
+        pairs = labels[rows, self.columns].astype(np.int64) * count + labels[at, self.columns]
+        order = np.argsort(pairs, kind="stable")
+        kinds, first = np.unique(pairs[order], return_index=True)
+        members = np.split(order, first)[1:]
+        self.pairs = {divmod(int(kind), count): indices for kind, indices in zip(kinds, members, strict=True)}
+
+    def relabel_part(self, old: int, new: int) -> None:
+        """Merge part ``old`` into ``new``."""
+        for near, far in [pair for pair in self.pairs if old in pair]:
+            pair = (new if near == old else near), (new if far == old else far)
+            renamed = self.pairs.pop((near, far))
+            self.pairs[pair] = np.sort(np.concatenate([self.pairs.get(pair, _EMPTY), renamed]))
+
+    def is_far_label_seen_over_edge(self, near: int, far: int, width: int) -> bool:
+        """Whether ``far`` is seen over most of the edge of ``near``; ``width`` is the narrower part's, in columns.
+
+        False if ``near`` mostly occludes itself, or ``far`` lies before ``near`` too: an object inside a hollow object,
+        or a whole hollow object, is no wall."""
+        pair = self.pairs.get((near, far), _EMPTY)
+        if len(pair) < max(self.config.span * width, self.config.fewest):
+            return False
+        itself = np.isin(self.columns[pair], self.columns[self.pairs.get((near, near), _EMPTY)]).sum()
+        return max(int(itself), len(self.pairs.get((far, near), _EMPTY))) <= self.config.span * len(pair)
+
+    def reaches_rim_at_ends(self, near: int, far: int, top: float) -> bool:
+        """Whether ``far``, as seen over ``near``, rises at both ends to about ``top``, their height (m)."""
+        pairs = self.pairs.get((near, far), _EMPTY)
+        pairs = pairs[np.argsort(self.columns[pairs], kind="stable")]
+        edges, seen = self.edges[pairs], self.seen[pairs]
+        known = np.isfinite(edges[:, 2]) & np.isfinite(seen[:, 2])
+        edges, seen = edges[known], seen[known]
+        if len(edges) < self.config.fewest:
+            return False
+        heights = np.minimum(edges[:, 2], seen[:, 2])
+        apart = np.linalg.norm(edges - seen, axis=1)
+        end = max(1, round(self.config.end * len(edges)))
+        middle = float(np.percentile(heights[end:-end], 10))
+        risen = min(float(heights[:end].max()), float(heights[-end:].max()))
+        farthest = max(float(apart[:end].min()), float(apart[-end:].min()))
+        width = float(np.linalg.norm(edges[0] - edges[-1]))
+        return risen > max(self.config.risen * top, middle + self.deep) and farthest < self.config.closed * width
 
 
 @dataclass(frozen=True)
-class Part:
+class MeasuredPart:
     """A patch in the robot frame."""
 
     cloud: Array  # (N, 3) points, metres; a sample of at most 800
@@ -38,8 +96,8 @@ class Part:
     length: float
     bottom: float  # bottom, top: metres above the table
     top: float
-    count: int  # how many pixels it has
-    config: Segmentation  # what counts as solid
+    count: int  # pixels
+    config: Segmentation
 
     @cached_property
     def bounding_box_corners(self) -> tuple[list[float], list[float]]:
@@ -48,7 +106,8 @@ class Part:
 
     @cached_property
     def squared_distance_factors(self) -> tuple[Array, Array]:
-        """(N, 5) and (5, N) of every other point: one part's first times another's second are squares of distances."""
+        """(N, 5) and (5, N) of every second point; the product of a part's first and another's second factor is their
+        squared distances."""
         points = self.cloud[::2]
         squares = (points**2).sum(axis=1, keepdims=True)
         ones = np.ones_like(squares)
@@ -56,13 +115,13 @@ class Part:
 
     @cached_property
     def is_solid_part(self) -> bool:
-        """Whether it is an object of its own, and neither a wall nor the inside of a hollow one."""
+        """Whether it is an object by itself, and neither a wall nor the inside of a hollow object."""
         thick = self.width > self.config.merging.thickest_wall
         return "solid" in self.config.rules and thick and is_solid_object(self.cloud, self.config.hollow)
 
 
-def measure_part(points: Array, config: Segmentation = DEFAULT.segmentation) -> Part | None:
-    """Measure a patch's (N, 3) points; ``None`` where too few are known."""
+def measure_part(points: Array, config: Segmentation = DEFAULT.segmentation) -> MeasuredPart | None:
+    """Measure a patch's (N, 3) points; ``None`` with fewer than 20 known points."""
     known = points.compress(np.isfinite(points[:, 2]), axis=0)
     if len(known) < 20:
         return None
@@ -72,22 +131,22 @@ def measure_part(points: Array, config: Segmentation = DEFAULT.segmentation) -> 
     hull = convex_footprint_hull(inner)
     _, sides, _ = cv2.minAreaRect(hull.astype(np.float32))
     sample = inner[:: len(inner) // 800 + 1]
-    return Part(sample, hull, min(sides), max(sides), float(low[2]), float(high[2]), len(known), config)
+    return MeasuredPart(sample, hull, min(sides), max(sides), float(low[2]), float(high[2]), len(known), config)
 
 
-def gap_between_parts(one: Part, other: Part) -> float:
-    """The smallest distance between two parts' points, metres; at least 0.05 where they are far from each other."""
-    (low, high), (least, most) = one.bounding_box_corners, other.bounding_box_corners
+def gap_between_parts(first: MeasuredPart, second: MeasuredPart) -> float:
+    """Smallest distance between two parts' points, m; a lower bound of at least 0.05 if they are farther apart."""
+    (low, high), (least, most) = first.bounding_box_corners, second.bounding_box_corners
     apart = max(*map(sub, low, most), *map(sub, least, high))
     if apart > 0.05:
         return apart
-    squares = one.squared_distance_factors[0] @ other.squared_distance_factors[1]
+    squares = first.squared_distance_factors[0] @ second.squared_distance_factors[1]
     return float(np.sqrt(max(float(squares.min()), 0.0)))
 
 
-def share_over_footprint(one: Part, other: Part, margin: float = 0.006) -> float:
-    """The share of ``one``'s points over the footprint of ``other``."""
-    return float(points_in_hull_mask(one.cloud[:, :2], other.hull, margin).mean())
+def share_over_footprint(part: MeasuredPart, base: MeasuredPart, margin: float = 0.006) -> float:
+    """Share of the points of ``part`` over the footprint of ``base``, grown by ``margin``, m."""
+    return float(points_in_hull_mask(part.cloud[:, :2], base.hull, margin).mean())
 
 
 class Merger:
@@ -103,71 +162,58 @@ class Merger:
         self.parts = {label: part for label, part in measured.items() if part is not None}
         self.columns = {label: self._count_image_columns(label) for label in self.parts}
         self.histograms = {label: color_histogram(self.bins.take(self.pixels[label])) for label in self.parts}
-        # For each part those that it was not yet compared with since either of the two last grew.
+        # The parts to which each part has not been compared since either of the two grew.
         self.uncompared = {label: set(self.parts) - {label} for label in self.parts}
         table = np.flatnonzero((labels == 0) & (np.abs(points[..., 2]) < config.filter.floor))
         self.table = self.points.take(table[::5], axis=0)
         self.edges = OcclusionEdges(labels, points, config)
-        self.attachments = {
-            "interior": self._is_interior_part,
-            "cap": self._is_short_part_on_top,
-            "tab": self._is_thin_lower_part,
-            "unsupported": self._is_unsupported_handle,
-        }
 
     def _count_image_columns(self, label: int) -> int:
-        """How many columns of the picture a part is seen in."""
+        """Number of image columns that a part covers."""
         return int(np.count_nonzero(np.bincount(self.pixels[label] % self.labels.shape[1])))
 
     def merge_all_parts(self) -> Labels:
         """The (H, W) merged labels."""
         while (pair := self._find_next_pair()) is not None:
-            self._merge_pair(*pair)
+            small, big = pair
+            self.owners[self.owners == small] = big
+            self.pixels[big] = np.sort(np.concatenate([self.pixels[big], self.pixels.pop(small)]))
+            self.columns[big] = self._count_image_columns(big)
+            self.histograms[big] = color_histogram(self.bins.take(self.pixels[big]))
+            self.edges.relabel_part(small, big)
+            del self.parts[small], self.uncompared[small]
+            whole = measure_part(self.points.take(self.pixels[big], axis=0), self.config)
+            if whole is not None:
+                self.parts[big] = whole
+            for others in self.uncompared.values():
+                others.discard(small)
+                others.add(big)
+            self.uncompared[big] = set(self.parts) - {big}
         return self.owners[self.labels]
 
-    def _merge_pair(self, small: int, big: int) -> None:
-        self.owners[self.owners == small] = big
-        self.pixels[big] = np.sort(np.concatenate([self.pixels[big], self.pixels.pop(small)]))
-        self.columns[big] = self._count_image_columns(big)
-        self.histograms[big] = color_histogram(self.bins.take(self.pixels[big]))
-        self.edges.relabel_part(small, big)
-        del self.parts[small], self.uncompared[small]
-        whole = measure_part(self.points.take(self.pixels[big], axis=0), self.config)
-        if whole is not None:
-            self.parts[big] = whole
-        for others in self.uncompared.values():
-            others.discard(small)
-            others.add(big)
-        self.uncompared[big] = set(self.parts) - {big}
-
     def _find_next_pair(self) -> tuple[int, int] | None:
-        """The smallest part that belongs to another, and the nearest that it belongs to."""
+        """The smallest part that belongs to a larger part, and the nearest such larger part."""
         for small in sorted(self.parts, key=lambda label: self.parts[label].count):
             wholes: list[tuple[float, int]] = []
             for big in self.uncompared[small]:
                 if self.parts[big].count < self.parts[small].count:
                     continue
                 distance = gap_between_parts(self.parts[small], self.parts[big])
-                if self._belongs_to_larger_part(small, big, distance):
+                alike = float(self.histograms[small] @ self.histograms[big]) >= self.config.merging.alike
+                rules = self.config.rules if alike else self.config.rules - _OF_ONE_COLOR
+                if ("common_rim" in rules and self._have_common_rim(small, big, distance)) or (
+                    distance <= self.config.merging.touching and self._is_attached(small, big, rules)
+                ):
                     wholes.append((distance, big))
             self.uncompared[small].clear()
             if wholes:
                 return small, min(wholes)[1]
         return None
 
-    def _belongs_to_larger_part(self, small: int, big: int, distance: float) -> bool:
-        """Whether the smaller part is a piece of the larger one, from which it is ``distance`` (m) away."""
-        alike = float(self.histograms[small] @ self.histograms[big]) >= self.config.merging.alike
-        rules = self.config.rules if alike else self.config.rules - _OF_ONE_COLOR
-        if "common_rim" in rules and self._have_common_rim(small, big, distance):
-            return True
-        touching = distance <= self.config.merging.touching
-        return touching and any(belongs(small, big) for rule, belongs in self.attachments.items() if rule in rules)
-
     def _have_common_rim(self, small: int, big: int, distance: float) -> bool:
-        """Whether two parts whose tops are level are walls, or a wall and the inside, of one hollow object."""
-        one, other, config = self.parts[small], self.parts[big], self.config.merging
-        if abs(one.top - other.top) >= config.rim_level or one.is_solid_part or other.is_solid_part:
+        """Whether two parts with level tops are walls, or a wall and the inside, of the same hollow object."""
+        part, whole, config = self.parts[small], self.parts[big], self.config.merging
+        if abs(part.top - whole.top) >= config.rim_level or part.is_solid_part or whole.is_solid_part:
             return False
         walls = [
             (near, far)
@@ -175,29 +221,20 @@ class Merger:
             if self.edges.is_far_label_seen_over_edge(near, far, min(self.columns[small], self.columns[big]))
             and share_over_footprint(self.parts[near], self.parts[far]) < config.overlap
         ]
-        if any(self.edges.reaches_rim_at_ends(near, far, min(one.top, other.top)) for near, far in walls):
+        if any(self.edges.reaches_rim_at_ends(near, far, min(part.top, whole.top)) for near, far in walls):
             return True
-        return (
-            distance < config.rim_gap
-            and self._are_adjacent(small, big, distance, bool(walls))
-            and self._form_open_hollow_object(one, other)
+        if distance >= config.rim_gap:
+            return False
+        adjacent = (
+            bool(walls)
+            or distance < config.beside
+            or share_over_footprint(part, whole, config.touching) > config.overlap
+            or self._have_continuous_border(small, big)
         )
-
-    def _are_adjacent(self, small: int, big: int, distance: float, is_wall: bool) -> bool:
-        """Whether one part is a wall before another, beside it, over it, or goes over into it."""
-        config = self.config.merging
-        if is_wall or distance < config.beside:
-            return True
-        return share_over_footprint(
-            self.parts[small], self.parts[big], config.touching
-        ) > config.overlap or self._have_continuous_border(small, big)
-
-    def _form_open_hollow_object(self, one: Part, other: Part) -> bool:
-        """Whether two parts together are a hollow object, open at the top."""
-        return is_open_at_top(np.concatenate([one.cloud, other.cloud]), self.table, self.config.hollow)
+        return adjacent and self._form_open_hollow_object(part, whole)
 
     def _have_continuous_border(self, small: int, big: int) -> bool:
-        """Whether one part goes over into another: of large parts the samples are too coarse to tell."""
+        """Whether two parts touch pixel by pixel; the samples of large parts are too coarse to decide."""
         owners, pixels = self.labels.ravel(), self.pixels[small]
         count = 0
         for step in (1, -1, self.labels.shape[1], -self.labels.shape[1]):
@@ -207,41 +244,36 @@ class Merger:
             count += int((apart < self.config.merging.touching).sum())
         return count >= self.config.merging.shortest
 
-    def _is_interior_part(self, small: int, big: int) -> bool:
-        """Whether a part is the floor or inner wall of a hollow object whose walls are the other."""
-        one, other, config = self.parts[small], self.parts[big], self.config.merging
-        lower = one.top < other.top + config.below_rim and not one.is_solid_part
-        return (
-            lower
-            and share_over_footprint(one, other) > config.interior_overlap
-            and self._form_open_hollow_object(one, other)
-        )
+    def _form_open_hollow_object(self, part: MeasuredPart, whole: MeasuredPart) -> bool:
+        """Whether two parts together are a hollow object, open at the top."""
+        return is_open_at_top(np.concatenate([part.cloud, whole.cloud]), self.table, self.config.hollow)
 
-    def _is_short_part_on_top(self, small: int, big: int) -> bool:
-        """Whether a part is short, and on top of the other."""
-        one, other, config = self.parts[small], self.parts[big], self.config.merging
-        if one.count >= config.smaller * other.count or one.top >= other.top + config.cap:
-            return False
-        on_top = one.length < config.cap and other.top - config.on_top < one.bottom
-        return on_top and share_over_footprint(one, other) > config.covered
-
-    def _is_thin_lower_part(self, small: int, big: int) -> bool:
-        """Whether a part is a tab, lip or fin of a higher one."""
-        one, other, config = self.parts[small], self.parts[big], self.config.merging
-        thin = one.width < config.tab[0] and one.length < config.tab[1]
-        return thin and one.count < config.tiny * other.count and one.top < other.top
-
-    def _is_unsupported_handle(self, small: int, big: int) -> bool:
-        """Whether a part in the air is as narrow as a handle, and nothing carries it."""
-        one, config = self.parts[small], self.config.merging
-        if one.count >= config.smaller * self.parts[big].count or one.bottom <= config.unsupported:
-            return False
-        if one.width >= config.handle[0] or one.length >= config.handle[1]:
+    def _is_attached(self, small: int, big: int, rules: frozenset[str]) -> bool:
+        """Whether by any of the rules a touching part is a piece of the whole."""
+        part, whole, config = self.parts[small], self.parts[big], self.config.merging
+        is_below_rim = part.top < whole.top + config.below_rim and not part.is_solid_part
+        if (
+            "interior" in rules
+            and is_below_rim
+            and share_over_footprint(part, whole) > config.interior_overlap
+            and self._form_open_hollow_object(part, whole)
+        ):
+            return True
+        is_smaller = part.count < config.smaller * whole.count
+        is_short = part.top < whole.top + config.cap and part.length < config.cap
+        on_top = is_short and whole.top - config.on_top < part.bottom
+        if "cap" in rules and is_smaller and on_top and share_over_footprint(part, whole) > config.covered:
+            return True
+        is_thin = part.width < config.tab[0] and part.length < config.tab[1]
+        if "tab" in rules and is_thin and part.count < config.tiny * whole.count and part.top < whole.top:
+            return True
+        is_narrow = part.width < config.handle[0] and part.length < config.handle[1]
+        if "unsupported" not in rules or not (is_smaller and is_narrow and part.bottom > config.unsupported):
             return False
         return not any(
-            abs(other.top - one.bottom) < config.carrier_distance
-            and share_over_footprint(one, other, 0.002) > config.carried
-            for label, other in self.parts.items()
+            abs(base.top - part.bottom) < config.carrier_distance
+            and share_over_footprint(part, base, 0.002) > config.carried
+            for label, base in self.parts.items()
             if label != small
         )
 

@@ -1,8 +1,8 @@
-"""Cut the foreground (what stands on the table) into smooth patches and join those that meet without a crease.
+"""Foreground (objects on the table), cut into smooth patches at creases and depth jumps.
 
-First many patches, cut wherever the surface bends inwards or jumps at all; then neighbours are joined, the smoothest
-border first, as long as the mean strength of their whole common border is low. So noise at one place does not cut an
-object, and a gap in a crease does not join two.
+The surface is first over-segmented at every concave bend or jump. Then neighbours are joined, the smoothest border
+first, as long as the mean strength of their whole common border is low. So local noise does not cut an object, and a
+gap in a crease does not join two.
 """
 
 import cv2
@@ -24,7 +24,7 @@ from grs_agents.perception.table_finding import depth_tolerance
 from grs_agents.perception.types import Array, Mask, RGBDFrame
 
 Depth = npt.NDArray[np.float32]
-CROSS = cv2.getStructuringElement(cv2.MORPH_RECT, (3, 3))
+DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1))  # of chords: rows and columns
 
 
 def smooth_frame_depth(frame: RGBDFrame) -> RGBDFrame:
@@ -39,7 +39,7 @@ def smooth_frame_depth(frame: RGBDFrame) -> RGBDFrame:
 
 
 def find_depth_jumps(depth: Depth) -> tuple[Mask, Mask]:
-    """Where a pixel and its lower, and its right, neighbour lie on different surfaces: two (H, W) masks."""
+    """Masks (H, W) of pixels separated by a depth jump from their lower, and from their right, neighbour."""
     bound = 0.008 + 0.008 * depth
     below, right = np.zeros(depth.shape, np.bool_), np.zeros(depth.shape, np.bool_)
     below[:-1] = np.abs(np.diff(depth, axis=0)) > bound[:-1]
@@ -59,34 +59,27 @@ def depth_jump_mask(depth: Depth) -> Mask:
 def foreground_pixel_mask(
     points: Array, depth: Depth, eye: Array, config: Foreground = DEFAULT.segmentation.foreground
 ) -> Mask:
-    """(H, W) pixels that are above the table and over it, or stand on it.
-    ``points`` are (H, W, 3) in the robot frame, NaN where unknown; ``eye`` (3,) is where the camera is, robot frame."""
+    """(H, W) pixels that rise above the table and stand on it.
+
+    ``points`` are (H, W, 3) in the robot frame, NaN where unknown; ``eye`` (3,) is the camera's position there."""
     height = points[..., 2]
     bound = depth_tolerance(depth.astype(np.float64))
     hull = find_table_hull(points, np.abs(height) < bound, eye, config)
     if hull is None:
         return np.zeros(depth.shape, np.bool_)
     above = (height > np.maximum(bound, config.lowest)) & (height < config.tallest)
-    above = cv2.morphologyEx(above.astype(np.uint8), cv2.MORPH_OPEN, CROSS).astype(np.bool_)
-    inside = np.zeros(depth.shape, np.bool_)
-    inside[above] = _points_over_table_mask(values_in_mask(points, above), hull, eye, config)
-    return _keep_surfaces_over_table(above, inside, depth)
-
-
-def _points_over_table_mask(points: Array, hull: Array, eye: Array, config: Foreground) -> Mask:
-    """Which of (N, 3) points are over the table, or near it and hide it from the camera's ``eye``.
-    The near part of the table may be out of the picture, below the objects that stand on it."""
-    over = points_in_hull_mask(points[:, :2], hull, margin=0.02)
-    rest = points.compress(~over, axis=0)
+    above = cv2.morphologyEx(above.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)).astype(np.bool_)
+    raised = values_in_mask(points, above)
+    over = points_in_hull_mask(raised[:, :2], hull, margin=0.02)
+    # Or near the table and occluding it: the near part of the table may be out of the picture, below its objects.
+    rest = raised.compress(~over, axis=0)
     share = rest[:, 2:] / np.minimum(rest[:, 2:] - eye[2], -1e-6)
     hidden = rest[:, :2] - share * (rest[:, :2] - eye[:2])
     near = points_in_hull_mask(rest[:, :2], hull, config.beyond_table)
     over[~over] = near & points_in_hull_mask(hidden, hull, config.hidden_table)
-    return over
-
-
-def _keep_surfaces_over_table(above: Mask, inside: Mask, depth: Depth) -> Mask:
-    """Whole surfaces of which most is over the table: objects reach beyond what is seen of it."""
+    inside = np.zeros(depth.shape, np.bool_)
+    inside[above] = over
+    # Whole surfaces, if most of them is over the table: objects reach beyond its visible part.
     blobs = label_connected_components((above & ~depth_jump_mask(depth)).astype(np.uint8), 1)
     total = np.bincount(blobs.ravel())
     keep = np.bincount(blobs[inside], minlength=len(total)) > 0.4 * total
@@ -97,10 +90,10 @@ def _keep_surfaces_over_table(above: Mask, inside: Mask, depth: Depth) -> Mask:
 def find_table_hull(
     points: Array, flat: Mask, eye: Array, config: Foreground = DEFAULT.segmentation.foreground
 ) -> Array | None:
-    """(M, 2) corners of the visible table, over the gaps that objects make in it, from the pixels (H, W) that lie
-    ``flat`` in its plane; None where there is none.
-    The largest piece of plane is table, and so is every other piece, unless the camera sees something lower between
-    them: then that one is a chair, a shelf or a floor of the same height."""
+    """(M, 2) corners of the visible table, spanning the gaps behind objects; ``None`` without a piece of plane.
+
+    ``flat`` (H, W) are the pixels in its plane. The largest piece of plane is table. So is every other piece, unless
+    the camera sees something lower in between: then it is a chair, a shelf or a floor of the same height."""
     labels = label_connected_components(cv2.erode(flat.astype(np.uint8), np.ones((5, 5), np.uint8)), 50)
     if labels.max() == 0:
         return None
@@ -109,32 +102,24 @@ def find_table_hull(
     order = [int(label) for label in np.argsort(-areas)[:20] if areas[label] > 0.005 * areas.max()]
     pieces = [points.reshape(-1, 3).take(found[label - 1][::7], axis=0)[:, :2] for label in order]
     hull = convex_footprint_hull(pieces.pop(0))
-    crossings, lower = _intersect_rays_with_table(points, eye, config.lower)
+    # Intersections of a sample of the rays with the table plane, (N, 2), and whether the rays end below it.
+    cloud = points[::4, ::4].reshape(-1, 3)
+    cloud = cloud.compress(cloud[:, 2] < eye[2] - config.lower, axis=0)
+    crossings = eye[:2] + eye[2] / (eye[2] - cloud[:, 2:]) * (cloud[:, :2] - eye[:2])
+    lower = cloud[:, 2] < -config.lower
     while True:
-        shares = [_share_below_table_between(hull, piece, crossings, lower) for piece in pieces]
-        near = [piece for piece, share in zip(pieces, shares, strict=True) if share <= config.most_seen_through]
+        near: list[Array] = []
+        far: list[Array] = []
+        outside = ~points_in_hull_mask(crossings, hull, 0.0)
+        for piece in pieces:
+            both = convex_footprint_hull(np.concatenate([hull, piece]))
+            between = points_in_hull_mask(crossings, both, 0.0) & outside
+            share = np.count_nonzero(between & lower) / max(np.count_nonzero(between), 1)
+            (near if share <= config.most_seen_through else far).append(piece)
         if not near:
             return hull
-        pieces = [piece for piece, share in zip(pieces, shares, strict=True) if share > config.most_seen_through]
+        pieces = far
         hull = convex_footprint_hull(np.concatenate([hull, *near]))
-
-
-def _intersect_rays_with_table(points: Array, eye: Array, below: float) -> tuple[Array, Mask]:
-    """(N, 2) where the rays of some pixels cross the table's plane, m, and (N,) whether they end below it."""
-    cloud = points[::4, ::4].reshape(-1, 3)
-    cloud = cloud.compress(cloud[:, 2] < eye[2] - below, axis=0)
-    share = eye[2] / (eye[2] - cloud[:, 2:])
-    return eye[:2] + share * (cloud[:, :2] - eye[:2]), cloud[:, 2] < -below
-
-
-def _share_below_table_between(hull: Array, piece: Array, crossings: Array, lower: Mask) -> float:
-    """The share that is lower of what is seen between the table's ``hull`` (M, 2) and a piece of plane (N, 2)."""
-    both = convex_footprint_hull(np.concatenate([hull, piece]))
-    between = points_in_hull_mask(crossings, both, 0.0) & ~points_in_hull_mask(crossings, hull, 0.0)
-    return np.count_nonzero(between & lower) / max(np.count_nonzero(between), 1)
-
-
-DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 
 def cut_smooth_patches(
@@ -154,22 +139,32 @@ def cut_smooth_patches(
 def compute_concavity_map(
     frame: RGBDFrame, foreground: Mask, config: PatchCutting = DEFAULT.segmentation.patches
 ) -> Array:
-    """(H, W) how much the surface bends inwards at each pixel: sagitta over chord, the most of four directions.
-    0 where the chord would cross a depth jump: that is no bend of one surface; and far from the foreground."""
+    """(H, W) concavity of the surface: sagitta over chord, the maximum of four directions.
+
+    0 if the chord crosses a depth jump, and far from the foreground."""
     middle = float(np.median(frame.depth[foreground])) if foreground.any() else 1.0
     step = int(np.clip(np.rint(config.reach * frame.camera.fx / middle), 3, 24))
     rows, columns = mask_bounding_slices(foreground)
     around = tuple(slice(max(0, side.start - 2 * step), side.stop + 2 * step) for side in (rows, columns))
     points = frame.camera_frame_point_map()[around]
-    x, y, z = np.ascontiguousarray(np.moveaxis(points, -1, 0))  # many times as fast as rows of three
+    x, y, z = np.ascontiguousarray(np.moveaxis(points, -1, 0))  # much faster than rows of three
     below, right = find_depth_jumps(frame.depth)
     jump = (below | right | (frame.depth <= 0))[around].astype(np.uint8)
     whole = np.zeros(frame.depth.shape)
     part = whole[around]
     for down, across in DIRECTIONS:
         length = max(2, round(step / float(np.hypot(down, across))))
-        smooth = cv2.dilate(jump, _line_kernel(down, across, length)) == 0
-        before, here, after = _chord_pixel_slices(jump.shape, down * length, across * length)
+        kernel = np.zeros((2 * length + 1, 2 * length + 1), np.uint8)  # a line through its middle
+        steps = np.arange(-length, length + 1)
+        kernel[length + down * steps, length + across * steps] = 1
+        smooth = cv2.dilate(jump, kernel) == 0
+        # The pixels before, at and after each pixel that has both ends of its chord in the window.
+        drop, shift = down * length, across * length
+        tall, wide = max(0, jump.shape[0] - 2 * drop), max(0, jump.shape[1] - 2 * abs(shift))
+        before, here, after = (
+            np.s_[top : top + tall, left : left + wide]
+            for top, left in ((drop * (1 + way), abs(shift) + shift * way) for way in (-1, 0, 1))
+        )
         chord = np.sqrt((x[after] - x[before]) ** 2 + (y[after] - y[before]) ** 2 + (z[after] - z[before]) ** 2)
         sag = z[here] - (z[before] + z[after]) / 2
         bend = np.where(smooth[here] & (chord < 6 * config.reach), sag / np.maximum(chord, 1e-6), 0.0)
@@ -177,29 +172,13 @@ def compute_concavity_map(
     return whole
 
 
-def _chord_pixel_slices(shape: tuple[int, ...], down: int, across: int) -> list[tuple[slice, slice]]:
-    """The pixels before, at and after each pixel that has others so far ``down`` and ``across`` on both sides."""
-    side = abs(across)
-    tall, wide = max(0, shape[0] - 2 * down), max(0, shape[1] - 2 * side)
-    corners = [(down * (1 + way), side + across * way) for way in (-1, 0, 1)]
-    return [np.s_[top : top + tall, left : left + wide] for top, left in corners]
-
-
-def _line_kernel(down: int, across: int, length: int) -> npt.NDArray[np.uint8]:
-    """A kernel that is a line through its middle, ``length`` pixels to both sides."""
-    kernel = np.zeros((2 * length + 1, 2 * length + 1), np.uint8)
-    steps = np.arange(-length, length + 1)
-    kernel[length + down * steps, length + across * steps] = 1
-    return kernel
-
-
 def grow_labels(labels: Labels, foreground: Mask, depth: Depth, rounds: int = 14) -> Labels:
-    """Give the foreground's other pixels to the segment they touch, step by step and never across a depth jump."""
+    """Region growing: assign unlabelled foreground pixels to the segment they touch, never across a depth jump."""
     below, right = (np.pad(jump, 1) for jump in find_depth_jumps(depth))
     result, row = np.pad(labels, 1), labels.shape[1] + 2
     empty = np.flatnonzero(np.pad(foreground, 1) & (result == 0))
     ways = ((below, 0, row), (below, -row, -row), (right, 0, 1), (right, -1, -1))
-    # Beyond a jump, as beyond the picture, nothing is: pixel 0.
+    # Pixel 0, which has no label, stands for a neighbour beyond a jump or the border.
     around = np.stack([np.where(jump.take(empty + edge), 0, empty + step) for jump, edge, step in ways])
     for _ in range(rounds):
         neighbors = result.take(around)
@@ -213,35 +192,36 @@ def grow_labels(labels: Labels, foreground: Mask, depth: Depth, rounds: int = 14
 
 
 def join_smooth_neighbors(labels: Labels, length: Array, total: Array, allowed: Mask, config: PatchCutting) -> Labels:
-    """Join neighbours, the smoothest border first, until every border that is left is a crease or a jump.
+    """Join neighbours, the smoothest border first, until every remaining border is a crease or a jump.
 
     Args:
         labels: (H, W), 0..N.
         length: (N+1, N+1) of the border of every two labels, pixels; see `measure_label_borders`.
         total: (N+1, N+1) their summed strength.
-        allowed: (N+1, N+1) which may be joined at all; what one may be joined with, what it is joined with may too.
+        allowed: (N+1, N+1) pairs that may be joined; a joined segment inherits the permissions of its parts.
     """
     length, total, allowed = length.copy(), total.copy(), allowed.copy()
     owner = np.arange(len(length))
     mean = np.where(allowed & (length >= config.shortest), total / np.maximum(length, 1), np.inf)
     np.fill_diagonal(mean, np.inf)
     while mean.flat[smoothest := int(mean.argmin())] < config.crease:
-        one, other = divmod(smoothest, len(mean))
-        owner[owner == other] = one
+        first, second = divmod(smoothest, len(mean))
+        owner[owner == second] = first
         for table in (length, total, allowed):
-            table[one] += table[other]
-            table[:, one] = table[one]
-            table[other] = table[:, other] = 0
-            table[one, one] = 0
-        mean[other] = mean[:, other] = np.inf
-        row = np.where(allowed[one] & (length[one] >= config.shortest), total[one] / np.maximum(length[one], 1), np.inf)
-        mean[one] = mean[:, one] = row
+            table[first] += table[second]
+            table[:, first] = table[first]
+            table[second] = table[:, second] = 0
+            table[first, first] = 0
+        mean[second] = mean[:, second] = np.inf
+        joinable = allowed[first] & (length[first] >= config.shortest)
+        row = np.where(joinable, total[first] / np.maximum(length[first], 1), np.inf)
+        mean[first] = mean[:, first] = row
     _, numbers = np.unique(owner, return_inverse=True)
     return numbers.astype(np.int32)[labels]
 
 
 def join_enclosed_fragments(labels: Labels, length: Array, total: Array, config: PatchCutting) -> Labels:
-    """Join small pieces to the neighbour that lies around most of them, if no more than a fold is between.
+    """Join small pieces to the neighbour that encloses most of them, unless the border is more than a fold.
 
     Args:
         labels: (H, W), 0..N.
@@ -261,12 +241,12 @@ def join_enclosed_fragments(labels: Labels, length: Array, total: Array, config:
 def measure_label_borders(
     labels: Labels, strength: Array, below: Mask, right: Mask, jump: float
 ) -> tuple[Array, Array]:
-    """Length (pixels) and summed strength of the border of every two labels 0..N, as (N+1, N+1) symmetric tables.
+    """Length (pixels) and summed strength of the borders between labels 0..N, as (N+1, N+1) symmetric tables.
 
     Args:
         strength: (H, W) of a border that runs through each pixel.
-        below, right: (H, W) where a pixel and its lower, and its right, neighbour lie on different surfaces.
-        jump: the strength there.
+        below, right: (H, W) depth jumps, as `find_depth_jumps` finds them.
+        jump: strength of a border at a jump.
     """
     count = int(labels.max()) + 1
     length, total = np.zeros((count, count)), np.zeros((count, count))
@@ -274,9 +254,9 @@ def measure_label_borders(
         (labels[:-1], labels[1:], np.maximum(strength[:-1], strength[1:]), below[:-1]),
         (labels[:, :-1], labels[:, 1:], np.maximum(strength[:, :-1], strength[:, 1:]), right[:, :-1]),
     )
-    for one, other, strong, jumping in views:
-        border = (one != other) & (one > 0) & (other > 0)
-        index = one[border].astype(np.int64) * count + other[border]
+    for first, second, strong, jumping in views:
+        border = (first != second) & (first > 0) & (second > 0)
+        index = first[border].astype(np.int64) * count + second[border]
         length += np.bincount(index, minlength=count**2).reshape(count, count)
         weight = np.where(jumping, jump, strong)[border]
         total += np.bincount(index, weights=weight, minlength=count**2).reshape(count, count)

@@ -1,4 +1,4 @@
-"""A SAM 2 of the user's own in any of its three forms, opened from disk: of transformers, of Meta, and in ONNX."""
+"""The user's SAM 2, loaded from disk in any of three formats: transformers, Meta's checkpoint, ONNX."""
 
 import importlib
 import re
@@ -17,22 +17,22 @@ from grs_agents.perception.types import Image
 
 Floats = npt.NDArray[np.float32]
 AskAtPoints = Callable[[Floats], tuple[Floats, Floats]]
-"""Asked at (N, 2) points across and down, 0..1 of the photo; answers with (N, M, h, w) logits and (N, M) estimated
-intersections over union of M masks a point."""
+"""Maps (N, 2) points across and down, 0..1 of the photo, to (N, M, h, w) logits and (N, M) estimated intersections over
+union of M masks a point."""
 Embed = Callable[[Image], AskAtPoints]
-"""Looks at a photo, once; what it returns is asked."""
+"""Embeds a photo; the result is prompted with points."""
 
 KINDS = ("sam2", "sam2_video")
-"""Kinds of model of transformers that hold a SAM 2; of one for videos, what tracks between pictures is left out."""
+"""Model types of transformers that hold a SAM 2; the tracker of a video model is left out."""
 MEAN = np.array((0.485, 0.456, 0.406), np.float32)
-"""Mean and standard deviation of red, green and blue (0..1) that SAM 2's training took for its pictures'."""
+"""Mean and standard deviation of red, green and blue (0..1) in SAM 2's training."""
 DEVIATION = np.array((0.229, 0.224, 0.225), np.float32)
 EXTRA = 'pip install "grs-agents[sam2]"'
 
 
 @dataclass(frozen=True)
 class Hiera:
-    """What a checkpoint of Meta's does not tell of its image encoder."""
+    """Hyperparameters of the image encoder that Meta's checkpoints do not hold."""
 
     stages: tuple[int, ...]  # blocks of each stage
     attends_all: tuple[int, ...]  # blocks whose attention is not bound to a window
@@ -68,10 +68,10 @@ RENAMED = (
     (r"\.mask_downscaling\.6\.", ".mask_embed.conv3."),
     (r"\.pe_layer\.positional_encoding_gaussian_matrix$", ".shared_embedding.positional_embedding"),
 )
-"""What Meta's checkpoints and transformers call the same weights."""
+"""Patterns of weight names in Meta's checkpoints, and their names in transformers."""
 HEAD_LAYERS = {"0": "proj_in", "1": "layers.0", "2": "proj_out"}
 TRACKING = ("memory_", "mask_downsample.", "obj_ptr", "maskmem_", "no_obj_", "no_mem_pos_enc")
-"""What only tracking in videos needs, by the beginning of its name."""
+"""Prefixes of weights that only video tracking needs."""
 
 
 def load_sam2(model: str | None, device: str) -> Embed:
@@ -79,7 +79,7 @@ def load_sam2(model: str | None, device: str) -> Embed:
     an encoder and a decoder in ONNX.
 
     Raises:
-        ConfigError: it is none of them, or what runs it is not installed.
+        ConfigError: it is none of them, or its runtime is not installed.
         InputError: weights are missing.
     """
     place = Path(model or "")
@@ -133,7 +133,7 @@ def _normalize_photo(rgb: Image, side: int) -> Floats:
 
 
 def _read_checkpoint(path: Path, torch: Any, transformers: Any) -> Any:
-    """The model of a checkpoint of Meta's; of the file only numbers are read, never code."""
+    """The model of a checkpoint of Meta's; only tensors are read from the file, never code."""
     stored = torch.load(str(path), map_location="cpu", weights_only=True)
     weights = convert_meta_to_transformers_weights(stored["model"], torch)
     model = transformers.Sam2Model(_config_from_checkpoint_shapes(weights, path, transformers))
@@ -146,7 +146,7 @@ def _read_checkpoint(path: Path, torch: Any, transformers: Any) -> Any:
 
 
 def convert_meta_to_transformers_weights(stored: Mapping[str, Any], torch: Any) -> dict[str, Any]:
-    """The weights by their names in transformers, without those that only track."""
+    """The weights by their names in transformers, without the video tracker."""
     weights: dict[str, Any] = {}
     for name, value in stored.items():
         if name.startswith(TRACKING):
@@ -165,7 +165,7 @@ def convert_meta_to_transformers_weights(stored: Mapping[str, Any], torch: Any) 
 
 
 def _config_from_checkpoint_shapes(weights: Mapping[str, Any], path: Path, transformers: Any) -> Any:
-    """The configuration that a checkpoint's shapes tell, and its size by the number of blocks."""
+    """Infer the configuration from the tensor shapes and the number of blocks of a checkpoint."""
     backbone = "vision_encoder.backbone"
     blocks = sum(name.startswith(f"{backbone}.blocks.") and name.endswith(".attn.qkv.weight") for name in weights)
     if blocks not in SIZES:
@@ -190,7 +190,7 @@ def _config_from_checkpoint_shapes(weights: Mapping[str, Any], path: Path, trans
 
 
 def _load_onnx_encoder_and_decoder(folder: Path, device: str) -> Embed:
-    """The encoder and decoder of a folder, as the usual exporters name what goes in and comes out."""
+    """The encoder and decoder of a folder, with the input and output names of the usual exporters."""
     try:
         runtime = importlib.import_module("onnxruntime")
     except ImportError as error:
@@ -205,11 +205,11 @@ def _load_onnx_encoder_and_decoder(folder: Path, device: str) -> Embed:
     )
     image = encoder.get_inputs()[0]
     side = int(image.shape[-1]) if isinstance(image.shape[-1], int) else 1024
-    wanted = {one.name: one for one in decoder.get_inputs()}
+    wanted = {entry.name: entry for entry in decoder.get_inputs()}
 
     def embed(rgb: Image) -> AskAtPoints:
         answers = encoder.run(None, {image.name: _normalize_photo(rgb, side)})
-        embeddings = dict(zip((one.name for one in encoder.get_outputs()), answers, strict=True))
+        embeddings = dict(zip((entry.name for entry in encoder.get_outputs()), answers, strict=True))
 
         def ask(points: Floats) -> tuple[Floats, Floats]:
             given = {**embeddings, **_decoder_inputs_for_points(points * side, side, wanted)}
@@ -217,8 +217,10 @@ def _load_onnx_encoder_and_decoder(folder: Path, device: str) -> Embed:
             if lacking:
                 raise InputError(f"the decoder asks for {', '.join(lacking)}", "export it with the usual names")
             found = decoder.run(None, {name: given[name] for name in wanted})
-            named = dict(zip((one.name for one in decoder.get_outputs()), found, strict=True))
-            return _extract_masks_and_scores(named, len(points))
+            named = dict(zip((entry.name for entry in decoder.get_outputs()), found, strict=True))
+            masks = _find_decoder_output(named, ("low_res_masks", "pred_masks", "masks"))
+            scores = _find_decoder_output(named, ("iou_predictions", "iou_scores")).reshape(len(points), -1)
+            return masks.reshape(len(points), scores.shape[1], *masks.shape[-2:]), scores
 
         return ask
 
@@ -226,7 +228,7 @@ def _load_onnx_encoder_and_decoder(folder: Path, device: str) -> Embed:
 
 
 def _find_single_onnx_file(folder: Path, part: str) -> Path:
-    """The encoder, or the decoder, of a folder; a decoder may hold the encoder of prompts too."""
+    """The encoder or the decoder of a folder; a decoder may include the prompt encoder."""
     named = [path for path in sorted(folder.glob("*.onnx")) if ("decoder" in path.stem) == (part == "decoder")]
     files = [path for path in named if part in path.stem]
     if len(files) != 1:
@@ -235,7 +237,7 @@ def _find_single_onnx_file(folder: Path, part: str) -> Path:
 
 
 def _decoder_inputs_for_points(points: Floats, side: int, wanted: Mapping[str, Any]) -> dict[str, Any]:
-    """What a decoder is told of the points, in pixels of its picture, by the names of either way of export."""
+    """Decoder inputs for points in pixels, under the names of both ways of export."""
     count = len(points)
     flags = wanted["has_mask_input"].shape[0] if "has_mask_input" in wanted else 1
     return {
@@ -248,12 +250,6 @@ def _decoder_inputs_for_points(points: Floats, side: int, wanted: Mapping[str, A
         "input_labels": np.ones((1, count, 1), np.int64),
         "input_boxes": np.zeros((1, 0, 4), np.float32),
     }
-
-
-def _extract_masks_and_scores(answers: Mapping[str, Floats], count: int) -> tuple[Floats, Floats]:
-    masks = _find_decoder_output(answers, ("low_res_masks", "pred_masks", "masks"))
-    scores = _find_decoder_output(answers, ("iou_predictions", "iou_scores")).reshape(count, -1)
-    return masks.reshape(count, scores.shape[1], *masks.shape[-2:]), scores
 
 
 def _find_decoder_output(answers: Mapping[str, Floats], names: Sequence[str]) -> Floats:

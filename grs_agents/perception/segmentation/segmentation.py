@@ -1,13 +1,12 @@
-"""Segment what stands on the table: the foreground's smooth patches, with the parts of one object merged.
-What comes in from above, or from beyond the picture high over the table (arms, hands, lamps), is no object."""
+"""Segmentation of the objects on the table: smooth patches of the foreground, merged to objects and filtered.
 
-from collections.abc import Sequence
+Segments that enter from above, or from beyond the picture high over the table (arms, hands, lamps), are no objects.
+"""
 
 import numpy as np
 
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import (
-    Index,
     Labels,
     convex_footprint_hull,
     convex_outline_mask,
@@ -17,17 +16,15 @@ from grs_agents.perception.image_geometry import (
     values_in_mask,
 )
 from grs_agents.perception.segmentation.configuration import Segmentation
-from grs_agents.perception.segmentation.enclosed_floors import add_enclosed_floors, find_enclosed_floors
-from grs_agents.perception.segmentation.hollow_shapes import is_open_at_top
-from grs_agents.perception.segmentation.low_things import find_low_things
-from grs_agents.perception.segmentation.occluded_pieces import join_occluded_pieces
+from grs_agents.perception.segmentation.footprints import is_open_at_top
+from grs_agents.perception.segmentation.low_surfaces import add_enclosed_floors, find_enclosed_floors, find_low_things
 from grs_agents.perception.segmentation.part_merging import merge_parts
 from grs_agents.perception.segmentation.patch_cutting import (
     cut_smooth_patches,
     foreground_pixel_mask,
     smooth_frame_depth,
 )
-from grs_agents.perception.segmentation.touching_pieces import join_touching_pieces
+from grs_agents.perception.segmentation.piece_joining import join_occluded_pieces, join_touching_pieces
 from grs_agents.perception.table_finding import robot_frame_point_map
 from grs_agents.perception.types import Array, Camera, Mask, RGBDFrame, TableFrame
 from grs_agents.perception.working_resolution import downscale_frame, upscale_labels
@@ -56,8 +53,8 @@ def segment_objects_on_table(
 def filter_object_segments(
     labels: Labels, smooth: RGBDFrame, points: Array, table: TableFrame, config: Segmentation = DEFAULT.segmentation
 ) -> Labels:
-    """(H, W) labels without what is no object, numbered anew; occluded pieces are joined, floors of hollow ones added.
-    ``smooth`` is the frame that the merged segments were found in; ``points`` are (H, W, 3) as in `foreground`."""
+    """(H, W) labels of the segments that are objects, renumbered; occluded pieces joined, floors added.
+    ``smooth`` is the frame of the merged segments; ``points`` are (H, W, 3) in the robot frame, NaN where unknown."""
     smallest = int(config.filter.smallest * labels.size)
     flattest = float(np.clip(config.filter.deviations * table.residual, *config.filter.flattest))
     segments = pixels_by_label(labels)
@@ -65,8 +62,15 @@ def filter_object_segments(
     kept = [label for label, own in enumerate(heights, 1) if len(own) >= smallest]
     if "sensor_noise" in config.rules:
         kept = [label for label in kept if not is_sensor_noise(heights[label - 1], 4 * smallest, flattest)]
-    if "flying_pixels" in config.rules:
-        kept = sorted(set(kept) - _find_flying_pixel_labels(smooth, segments, 4 * smallest, config.filter.flying))
+    if "flying_pixels" in config.rules:  # small, and much deeper than it looks large
+        flying: set[int] = set()
+        for label, pixels in enumerate(segments, 1):
+            depth = smooth.depth.take(pixels)
+            if 0 < len(depth) <= 4 * smallest and (depth > 0).any():
+                low, middle, high = np.percentile(depth[depth > 0], (5, 50, 95))
+                if high - low > config.filter.flying * np.sqrt(len(depth)) * middle / smooth.camera.fx:
+                    flying.add(label)
+        kept = [label for label in kept if label not in flying]
     if "entering" in config.rules:
         kept = [label for label in kept if not is_segment_entering_view(labels == label, points, smooth.camera, config)]
     numbers = np.zeros(len(heights) + 1, np.int32)
@@ -74,11 +78,26 @@ def filter_object_segments(
     labels = numbers[labels]
     if "occluded" in config.rules:
         labels = join_occluded_pieces(labels, smooth, points, config.occluded)
-    return _add_hollow_floors(labels, points, config)
+    if "hollow_floor" not in config.rules:
+        return labels
+    # The table that is seen inside a hollow object is its floor.
+    result = labels.copy()
+    flat = (labels == 0) & (np.abs(points[..., 2]) < config.filter.floor)
+    for label in range(1, int(labels.max()) + 1):
+        window = mask_bounding_slices(labels == label)
+        mask: Mask = labels[window] == label
+        near, filled = points[window], result[window]
+        lies = flat[window] & convex_outline_mask(mask)
+        floor, cloud = values_in_mask(near, lies), values_in_mask(near, mask)[::3]
+        cloud = cloud.compress(np.isfinite(cloud[:, 2]), axis=0)
+        if len(cloud) >= 3 and is_open_at_top(cloud, floor[::3], config.hollow):
+            inside = points_in_hull_mask(floor[:, :2], convex_footprint_hull(cloud), -config.filter.floor_margin)
+            filled[lies] = np.where(inside, label, filled[lies])
+    return result
 
 
 def is_segment_entering_view(mask: Mask, points: Array, camera: Camera, config: Segmentation) -> bool:
-    """Whether a segment, (H, W), comes in from above or from beyond the picture; ``points`` are as in `foreground`."""
+    """Whether a segment (H, W) enters from above or from beyond the picture; ``points`` (H, W, 3), robot frame."""
     bounds = config.filter
     whole = _drop_unknown_points(points[mask][::5])
     if len(whole) < bounds.fewest:
@@ -90,9 +109,9 @@ def is_segment_entering_view(mask: Mask, points: Array, camera: Camera, config: 
     sides[bounds.border :, bounds.border : -bounds.border] = False
     in_the_air = lowest > bounds.clear
     if in_the_air and not camera.arm_is_known and len(_drop_unknown_points(points[mask & sides])) >= bounds.fewest:
-        return True  # only below the picture could it have a foot; things hide feet too: it takes an arm to suspect
+        return True  # its foot may lie below the picture, or be hidden
     if camera.arm_is_known and not in_the_air:
-        return False  # the arm that could reach down to the table is known
+        return False  # the only arm that reaches down to the table is known
     sides[-bounds.border :] = True
     cut = _drop_unknown_points(points[mask & sides])
     if len(cut) < bounds.fewest:
@@ -107,37 +126,6 @@ def _drop_unknown_points(points: Array) -> Array:
 
 
 def is_sensor_noise(heights: Array, small: int, flattest: float) -> bool:
-    """Whether a segment, (N,) heights in m, is a bump of the sensor's noise on the table."""
+    """Whether a segment, (N,) heights in m, is sensor noise on the table."""
     top = float(np.nanpercentile(heights, 95))
     return top < flattest or (top < 2 * flattest and len(heights) < small)
-
-
-def _find_flying_pixel_labels(frame: RGBDFrame, segments: Sequence[Index], small: int, bound: float) -> set[int]:
-    """The labels, from 1, of small segments that mix two surfaces: much deeper than they look large."""
-    mixed: set[int] = set()
-    for label, pixels in enumerate(segments, 1):
-        depth = frame.depth.take(pixels)
-        if 0 < len(depth) <= small and (depth > 0).any():
-            low, middle, high = np.percentile(depth[depth > 0], (5, 50, 95))
-            if high - low > bound * np.sqrt(len(depth)) * middle / frame.camera.fx:
-                mixed.add(label)
-    return mixed
-
-
-def _add_hollow_floors(labels: Labels, points: Array, config: Segmentation) -> Labels:
-    """The labels, with the table that is seen inside a hollow object given to it: that is its floor."""
-    if "hollow_floor" not in config.rules:
-        return labels
-    result = labels.copy()
-    low = (labels == 0) & (np.abs(points[..., 2]) < config.filter.floor)
-    for label in range(1, int(labels.max()) + 1):
-        window = mask_bounding_slices(labels == label)
-        mask: Mask = labels[window] == label
-        near, filled = points[window], result[window]
-        lies = low[window] & convex_outline_mask(mask)
-        floor, cloud = values_in_mask(near, lies), values_in_mask(near, mask)[::3]
-        cloud = cloud.compress(np.isfinite(cloud[:, 2]), axis=0)
-        if len(cloud) >= 3 and is_open_at_top(cloud, floor[::3], config.hollow):
-            inside = points_in_hull_mask(floor[:, :2], convex_footprint_hull(cloud), -config.filter.floor_margin)
-            filled[lies] = np.where(inside, label, filled[lies])
-    return result

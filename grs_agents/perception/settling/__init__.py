@@ -1,1 +1,1 @@
-"""The described scene in MuJoCo: how it comes to rest, and how it compares with the photo."""
+"""The described scene in MuJoCo: collisions, rest poses, relations, and the comparison with the photo."""

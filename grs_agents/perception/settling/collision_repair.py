@@ -1,15 +1,16 @@
-"""Assets that were registered into each other: one of them is somewhere else, and is registered again beside the other.
-Each object is registered by itself first, and what another object hides says nothing against a pose: one that is half
-hidden may come to stand in what hides it."""
+"""Repair assets that were registered into each other.
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+Each object is registered by itself first, and occlusion by another object does not count against a pose: an object
+that is half hidden may be registered into the one that hides it. It is registered again, beside the other.
+"""
+
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
-from grs_agents.base import Pose, Vec3
-from grs_agents.base.geometry.transforms import matrix_to_quaternion
+from grs_agents.base import Pose
+from grs_agents.base.geometry.transforms import matrix_to_quaternion, to_vec3
 from grs_agents.base.mujoco_import import mujoco
 from grs_agents.library.library import Library
 from grs_agents.perception.configuration import DEFAULT
@@ -21,43 +22,45 @@ from grs_agents.perception.settling.settling import (
     is_over_table,
     to_instance_objects,
 )
-from grs_agents.perception.types import Mask, RGBDFrame, TableFrame, UprightBox
-from grs_agents.sim.world.compilation import World
+from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame, UprightBox
 
 CONFIG = DEFAULT.settling.repair
-
-Floats = npt.NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class KnownObject:
-    """An object whose asset is known."""
-
-    placed: PlacedObject  # its asset where it was registered
-    upright: UprightBox  # the box measured of it
-    mask: Mask  # (H, W) its pixels
 
 
 @dataclass(frozen=True)
 class CollisionRepairs:
-    """What becomes of known objects, by index."""
+    """The outcome for each object that was registered into another, by index."""
 
-    # where those stand that were registered into others
-    moved: Mapping[int, Registered] = field(default_factory=dict[int, Registered])
-    # those that are not where they were registered, or are not these assets, wherever they stand
-    wrong: frozenset[int] = frozenset()
+    moved: Mapping[int, Registered] = field(default_factory=dict[int, Registered])  # with the new pose
+    wrong: frozenset[int] = frozenset()  # its pose, or its asset, is wrong: no other pose agrees with the photo
 
 
 def repair_collisions(
-    objects: Sequence[KnownObject], frame: RGBDFrame, table: TableFrame, library: Library
+    objects: Sequence[PlacedObject],
+    boxes: Sequence[UprightBox],
+    masks: Sequence[Mask],
+    frame: RGBDFrame,
+    table: TableFrame,
+    library: Library,
 ) -> CollisionRepairs:
-    """Which known objects are not to stay in others, as they were registered one by one.
+    """Register again the objects that overlap others, the deepest overlap first.
 
-    Of two that are in each other, that one is registered again of which this contradicts less of what was seen. Where
-    it contradicts too much of either, both stay; but if they are deep in each other, the one that fits worse is wrong.
+    Of two overlapping objects the one moves whose new pose costs least. If a new pose costs too much for either, both
+    stay; above the bound for deep overlaps, the one with the higher registration cost is wrong.
+
+    Args:
+        objects: assets where they were registered, each by itself.
+        boxes: the box measured of each.
+        masks: the pixels (H, W) of each.
+        frame: the photo.
+        table: the table in it.
+        library: the library that holds the assets.
     """
-    on = [index for index, known in enumerate(objects) if is_over_table(known.placed)]
-    scene = _CollisionScene.from_objects([objects[index] for index in on], (frame, table), library)
+    on_table = [index for index, placed in enumerate(objects) if is_over_table(placed)]
+    assets = [objects[index] for index in on_table]
+    scene = _CollisionScene(
+        assets, [boxes[index] for index in on_table], [masks[index] for index in on_table], (frame, table), library
+    )
     compared: set[tuple[int, int]] = set()
     moved: dict[int, Registered] = {}
     wrong: set[int] = set()
@@ -68,85 +71,79 @@ def repair_collisions(
         compared.add(pair)
         if wrong & set(pair):
             continue
-        repair = _find_pose_halving_overlap(scene, pair, depth)
-        if repair is not None:
-            scene.move_object(*repair)
-            moved[repair[0]] = repair[1]
+        tried = [(number, *scene.register_object_again(number)) for number in pair]
+        better = [
+            (overlap + cost, number, registered)
+            for number, registered, overlap, cost in tried
+            if overlap < depth / 2 and cost < CONFIG.worse
+        ]
+        if better:
+            _, number, registered = min(better, key=lambda repair: repair[0])
+            scene.place((registered.position, registered.orientation), number)
+            moved[number] = registered
         elif depth > CONFIG.deepest:
             wrong.add(max(pair, key=scene.registration_cost_of_object))
-    kept = {on[number]: pose for number, pose in moved.items() if number not in wrong}
-    return CollisionRepairs(kept, frozenset(on[number] for number in wrong))
+    kept = {on_table[number]: pose for number, pose in moved.items() if number not in wrong}
+    return CollisionRepairs(kept, frozenset(on_table[number] for number in wrong))
 
 
-def _find_pose_halving_overlap(
-    scene: "_CollisionScene", pair: tuple[int, int], depth: float
-) -> tuple[int, Registered] | None:
-    """Which of two objects goes where, so that they are half as deep in each other and it still shows what was seen."""
-    tried = [(number, *scene.register_object_again(number)) for number in pair]
-    better = [(left + cost, one, pose) for one, pose, left, cost in tried if left < depth / 2 and cost < CONFIG.worse]
-    return min(better, key=lambda repair: repair[0])[1:] if better else None
-
-
-@dataclass(frozen=True)
 class _CollisionScene:
-    """Known objects in a world; ``poses`` says where each stands by now."""
+    """Known objects in a world; ``poses`` are their current poses."""
 
-    objects: Sequence[KnownObject]
-    poses: list[Pose]
-    photo: tuple[RGBDFrame, TableFrame]
-    library: Library
-    world: World
-
-    @classmethod
-    def from_objects(
-        cls, objects: Sequence[KnownObject], photo: tuple[RGBDFrame, TableFrame], library: Library
-    ) -> "_CollisionScene":
-        world = build_settling_world(to_instance_objects([known.placed for known in objects], library), library)
-        return cls(objects, [known.placed.pose for known in objects], photo, library, world)
+    def __init__(
+        self,
+        objects: Sequence[PlacedObject],
+        boxes: Sequence[UprightBox],
+        masks: Sequence[Mask],
+        photo: tuple[RGBDFrame, TableFrame],
+        library: Library,
+    ) -> None:
+        self.boxes, self.masks, self.photo, self.library = boxes, masks, photo, library
+        self.assets = [placed.asset for placed in objects]
+        self.poses = [placed.pose for placed in objects]
+        self.world = build_settling_world(to_instance_objects(objects, library), library)
 
     def deepest_overlapping_pair(self, compared: Collection[tuple[int, int]]) -> tuple[tuple[int, int], float]:
-        """The two that are deepest in each other, lower number first, and how deep, m."""
+        """The pair with the deepest overlap, lower number first, and that depth, m."""
         mujoco.mj_forward(self.world.model, self.world.data)
-        pairs, known = overlap_depth_by_pair(self.world).items(), self.world.addresses
-        found = {pair: depth for pair, depth in pairs if pair not in compared and all(one in known for one in pair)}
-        return max(found.items(), key=lambda one: one[1], default=((0, 0), 0.0))
+        depths = {
+            pair: depth
+            for pair, depth in overlap_depth_by_pair(self.world).items()
+            if pair not in compared and all(number in self.world.addresses for number in pair)
+        }
+        return max(depths.items(), key=lambda item: item[1], default=((0, 0), 0.0))
 
     def register_object_again(self, number: int) -> tuple[Registered, float, float]:
-        """Where an object is registered beside the others, how deep it is in them then, and how much dearer that is."""
-        one, (frame, table) = self.objects[number], self.photo
-        asset, pose = one.placed.asset, self.poses[number]
+        """Register an object beside the others: its pose, its overlap there (m), and the increase of its cost (m)."""
+        current = self.poses[number]
 
-        def measure_overlap_per_pose(poses: Floats) -> Floats:
-            placed = ((place, matrix_to_quaternion(turn)) for place, turn in _positions_and_rotations(poses))
-            return np.array([self._place_and_measure_overlap(number, pose) for pose in placed])
+        def overlap_per_pose(poses: Array) -> Array:
+            return np.array(
+                [self._overlap_at((to_vec3(pose[:3, 3]), matrix_to_quaternion(pose[:3, :3])), number) for pose in poses]
+            )
 
-        found = register_asset(asset, self.library, one.upright, frame, table, one.mask, measure_overlap_per_pose)
-        left = self._place_and_measure_overlap(number, (found.position, found.orientation))
-        self._place_and_measure_overlap(number, pose)
-        return found, left, found.cost - self.registration_cost_of_object(number)
+        registered = register_asset(
+            self.assets[number], self.library, self.boxes[number], *self.photo, self.masks[number], overlap_per_pose
+        )
+        overlap = self._overlap_at((registered.position, registered.orientation), number)
+        self._overlap_at(current, number)
+        return registered, overlap, registered.cost - self.registration_cost_of_object(number)
 
     def registration_cost_of_object(self, number: int) -> float:
-        """How badly an object where it stands fits what was seen, m."""
-        one, (frame, table) = self.objects[number], self.photo
+        """The registration cost of an object at its current pose, m."""
         return registration_cost(
-            one.placed.asset, self.poses[number], self.library, one.upright, frame, table, one.mask
+            self.assets[number], self.poses[number], self.library, self.boxes[number], *self.photo, self.masks[number]
         )
 
-    def move_object(self, number: int, found: Registered) -> None:
-        """Put an object where it was registered."""
-        self.poses[number] = (found.position, found.orientation)
-        self._place_and_measure_overlap(number, self.poses[number])
+    def place(self, pose: Pose, number: int) -> None:
+        """Move an object."""
+        self.poses[number] = pose
+        self._overlap_at(pose, number)
 
-    def _place_and_measure_overlap(self, number: int, pose: Pose) -> float:
-        """How deep an object is in others at a pose, where it stays, m."""
-        placed, start = PlacedObject(self.objects[number].placed.asset, pose), self.world.addresses[number]
-        position, (x, y, z, w) = to_instance_objects([placed], self.library)[0].pose
+    def _overlap_at(self, pose: Pose, number: int) -> float:
+        """Put an object at a pose; returns its deepest overlap there, m."""
+        start = self.world.addresses[number]
+        (item,) = to_instance_objects([PlacedObject(self.assets[number], pose)], self.library)
+        position, (x, y, z, w) = item.pose
         self.world.data.qpos[start : start + 7] = (*position, w, x, y, z)
         return overlap_depth_of_object(self.world, number)
-
-
-def _positions_and_rotations(poses: Floats) -> Iterator[tuple[Vec3, Floats]]:
-    """Positions, m, and rotations (3, 3) of (K, 4, 4) poses."""
-    for pose in poses:
-        x, y, z = (float(value) for value in pose[:3, 3])
-        yield (x, y, z), pose[:3, :3]

@@ -1,6 +1,6 @@
-"""Move objects apart that overlap deeply: the one that has to move least is moved by itself, all others stay."""
+"""Move deeply overlapping objects apart: the object with the shortest way moves, all others stay."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,11 +26,11 @@ DIRECTIONS: Floats = np.array(
 
 @dataclass(frozen=True)
 class Separation:
-    """A way to take objects apart."""
+    """A strategy to move objects apart."""
 
-    deep: float  # overlaps up to this (m) are left to easing
-    lift: bool  # what is in the table is lifted straight out of it first, whatever stands on that
-    steps: tuple[float, ...] = DEFAULT.settling.depenetration.steps  # how far an object may be moved, m
+    deep: float  # shallower overlaps (m) are left to easing
+    lift: bool  # objects in the table are first lifted straight out of it, whatever stands on them
+    steps: tuple[float, ...] = DEFAULT.settling.depenetration.steps  # distances to try, m
 
 
 def deepest_overlap_depth(world: World) -> float:
@@ -39,73 +39,69 @@ def deepest_overlap_depth(world: World) -> float:
 
 
 def separate_objects(world: World, guessed: Collection[int], way: Separation) -> None:
-    """Move one object after the other until none overlaps deeply, or none can be moved free of others.
-    Of two that overlap the one that has to move least is moved; what is ``guessed`` rather than what is known."""
+    """Separate overlapping objects, deepest pair first, until no remaining deep overlap can be resolved by a move.
+
+    Of a pair the object with the cheaper move moves; a move of a ``guessed`` object is cheaper.
+    """
     if way.lift:
-        _lift_out_of_table(world, way.deep)
+        mujoco.mj_forward(world.model, world.data)
+        for (lower, number), depth in overlap_depth_by_pair(world).items():
+            if lower == TABLE and depth > way.deep:
+                world.data.qpos[world.addresses[number] + 2] += depth
     stuck: set[tuple[int, int]] = set()
     for _ in range(CONFIG.most):
         mujoco.mj_forward(world.model, world.data)
-        pair = _deepest_overlapping_pair(world, stuck, way.deep)
-        if pair is None:
+        deep = {
+            pair: depth
+            for pair, depth in overlap_depth_by_pair(world).items()
+            if depth > way.deep and pair not in stuck and any(number in world.addresses for number in pair)
+        }
+        if not deep:
             return
+        pair = max(deep, key=lambda pair: deep[pair])
         if not _move_pair_apart(world, pair, guessed, way):
             stuck.add(pair)
     mujoco.mj_forward(world.model, world.data)
 
 
 def _move_pair_apart(world: World, pair: tuple[int, int], guessed: Collection[int], way: Separation) -> bool:
-    """Move one of two objects, or each half the way; whether one of them can be moved free of others."""
+    """Move either of two objects, or each half the way; False if neither can be moved free of others."""
     free = CONFIG.free * way.deep
-    tried = ((one, _find_shortest_free_move(world, one, way.steps, free)) for one in pair if one in world.addresses)
+    tried = ((number, _find_shortest_free_move(world, number, way, free)) for number in pair)
     moves = {number: move for number, move in tried if move is not None}
     if not moves:
         return False
-    number = min(moves, key=lambda moved: _displacement_cost(moves[moved], moved in guessed))
-    other, move = pair[number == pair[0]], moves[number]
-    far = np.linalg.norm(move) >= CONFIG.far and other in world.addresses and set(pair) <= set(guessed)
-    if not (far and _move_pair_half_each(world, number, other, move, free)):
+
+    def cost(number: int) -> float:
+        distance = float(np.linalg.norm(moves[number]))
+        return distance / CONFIG.guessed if number in guessed and distance < CONFIG.far else distance
+
+    number = min(moves, key=cost)
+    partner, move = pair[number == pair[0]], moves[number]
+    far = np.linalg.norm(move) >= CONFIG.far and partner in world.addresses and set(pair) <= set(guessed)
+    if not (far and _move_both_by_half(world, number, partner, move, free)):
         start = world.addresses[number]
         world.data.qpos[start : start + 3] += move
     return True
 
 
-def _lift_out_of_table(world: World, deep: float) -> None:
-    """Lift what is deeper than ``deep`` m in the table straight out of it."""
-    mujoco.mj_forward(world.model, world.data)
-    for (lower, number), depth in overlap_depth_by_pair(world).items():
-        if lower == TABLE and depth > deep:
-            world.data.qpos[world.addresses[number] + 2] += depth
-
-
-def _displacement_cost(move: Floats, guessed: bool) -> float:
-    """What it costs to move an object, m."""
-    far = float(np.linalg.norm(move))
-    return far / CONFIG.guessed if guessed and far < CONFIG.far else far
-
-
 def overlap_depth_by_pair(world: World) -> dict[tuple[int, int], float]:
-    """How deep any two objects are in each other, m, by their numbers, the lower first."""
-    found: dict[tuple[int, int], float] = {}
+    """Depth of the overlap of each touching pair of objects, m, by their numbers, the lower first."""
+    depths: dict[tuple[int, int], float] = {}
     for geoms, distance in zip(world.data.contact.geom, world.data.contact.dist, strict=True):
-        one, other = sorted(world.owners[int(geom)] for geom in geoms)
-        found[one, other] = max(found.get((one, other), 0.0), float(-distance))
-    return found
+        lower, higher = sorted(world.owners[int(geom)] for geom in geoms)
+        depths[lower, higher] = max(depths.get((lower, higher), 0.0), float(-distance))
+    return depths
 
 
-def _deepest_overlapping_pair(world: World, stuck: set[tuple[int, int]], deep: float) -> tuple[int, int] | None:
-    """The objects, lower number first, that overlap most, if by more than ``deep`` m."""
-    left = {pair: depth for pair, depth in overlap_depth_by_pair(world).items() if depth > deep and pair not in stuck}
-    found = {pair: depth for pair, depth in left.items() if any(number in world.addresses for number in pair)}
-    return max(found, key=lambda pair: found[pair], default=None)
-
-
-def _find_shortest_free_move(world: World, number: int, steps: Sequence[float], free: float) -> Floats | None:
-    """The shortest of the tried moves, (3,) m, after which an object overlaps nothing by more than ``free`` m."""
+def _find_shortest_free_move(world: World, number: int, way: Separation, free: float) -> Floats | None:
+    """The first tried move (3,), m, that leaves no overlap above ``free`` m; None without such a move."""
+    if number not in world.addresses:
+        return None
     start = world.addresses[number]
     here = world.data.qpos[start : start + 3].copy()
     shortest: Floats | None = None
-    for step in steps:
+    for step in way.steps:
         depths: list[float] = []
         for direction in DIRECTIONS:
             world.data.qpos[start : start + 3] = here + step * direction
@@ -119,13 +115,13 @@ def _find_shortest_free_move(world: World, number: int, steps: Sequence[float], 
     return shortest
 
 
-def _move_pair_half_each(world: World, number: int, other: int, move: Floats, free: float) -> bool:
-    """Move two objects half the way each, apart, if they overlap nothing by more than ``free`` m then."""
-    starts = [world.addresses[moved] for moved in (number, other)]
+def _move_both_by_half(world: World, number: int, partner: int, move: Floats, free: float) -> bool:
+    """Move two objects apart by half the way each; undone, and False, if an overlap above ``free`` m is left."""
+    starts = [world.addresses[moved] for moved in (number, partner)]
     before = [world.data.qpos[start : start + 3].copy() for start in starts]
     for start, half in zip(starts, (move / 2, -move / 2), strict=True):
         world.data.qpos[start : start + 3] += half
-    if max(overlap_depth_of_object(world, number), overlap_depth_of_object(world, other)) < free:
+    if max(overlap_depth_of_object(world, number), overlap_depth_of_object(world, partner)) < free:
         return True
     for start, here in zip(starts, before, strict=True):
         world.data.qpos[start : start + 3] = here
@@ -134,7 +130,7 @@ def _move_pair_half_each(world: World, number: int, other: int, move: Floats, fr
 
 
 def overlap_depth_of_object(world: World, number: int) -> float:
-    """How deep an object overlaps others where it has been put, m."""
+    """Depth of an object's deepest overlap at its position in ``qpos``, m."""
     model, data = world.model, world.data
     mujoco.mj_kinematics(model, data)
     mujoco.mj_collision(model, data)

@@ -1,4 +1,7 @@
-"""Let a described scene come to rest: overlaps are resolved without gravity, then gravity acts."""
+"""Settle a described scene in MuJoCo and compare it with its photo.
+
+Overlaps are resolved without gravity, then gravity acts. The comparison is the share of pixels with the photo's depth.
+"""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
@@ -11,19 +14,23 @@ from grs_agents.base.mujoco_import import mujoco
 from grs_agents.library.library import Library
 from grs_agents.library.shapes import matrix_from_quaternion
 from grs_agents.perception.configuration import DEFAULT
+from grs_agents.perception.image_geometry import pixels_in_mask
 from grs_agents.perception.settling.depenetration import Separation, deepest_overlap_depth, separate_objects
+from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame, TwinReport
 from grs_agents.sim.instance.task_instance import InstanceObject
+from grs_agents.sim.rendering.cameras import VisibleScene
+from grs_agents.sim.rendering.pictures import render_along_rays
 from grs_agents.sim.world.compilation import World, build_world, reset_world_to_poses
 
 CONFIG = DEFAULT.settling
 
-CHUNK = 25  # so many steps of the simulation are made between two looks at the speeds
+CHUNK = 25  # simulation steps between two checks of the speeds
 
 
 def prepare_world_for_settling(world: World) -> None:
-    """Take the robot out of the way, and let nothing roll."""
+    """Take the robot out of the way, and prevent rolling."""
     model, owners = world.model, np.asarray(world.owners)
-    # What is eased apart never moves by itself, falls asleep at once, and would sleep through gravity.
+    # Objects are eased apart without speed, so they would fall asleep at once and sleep through gravity.
     model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
     robot = owners < 0
     robot[model.geom("table").id] = False
@@ -33,8 +40,10 @@ def prepare_world_for_settling(world: World) -> None:
 
 
 def push_overlaps_apart(world: World) -> None:
-    """Push overlaps apart, without gravity and without speed, so that nothing is thrown.
-    And without friction: what sticks to what it is pushed out of goes farther."""
+    """Push overlaps apart without gravity, speed or friction.
+
+    Without speed nothing is thrown; without friction nothing is dragged along.
+    """
     model, data = world.model, world.data
     gravity, dimensions = np.array(model.opt.gravity), np.array(model.geom_condim)
     model.opt.gravity[:], model.geom_condim[:] = 0, 1
@@ -48,7 +57,7 @@ def push_overlaps_apart(world: World) -> None:
 
 
 def simulate_until_rest(world: World) -> bool:
-    """Let gravity act until everything rests; whether it does in time."""
+    """Simulate with gravity until everything rests; False if the time runs out first."""
     model, data = world.model, world.data
     first, still = world.arm.dof, 0
     for _ in range(int(CONFIG.longest / model.opt.timestep / CHUNK)):
@@ -62,35 +71,34 @@ def simulate_until_rest(world: World) -> bool:
 
 @dataclass(frozen=True)
 class PlacedObject:
-    """An asset, and where the centre of its bounding box is (m) with its rotation (xyzw).
-    ``guessed``: it stands for an object of unknown shape, whose place is known less well."""
+    """An asset at a pose."""
 
-    asset: str
-    pose: Pose
-    guessed: bool = False
+    asset: str  # library name
+    pose: Pose  # centre of its bounding box (m) and rotation (xyzw), robot frame
+    guessed: bool = False  # a proxy of an object of unknown shape, whose place is less certain
 
 
 @dataclass(frozen=True)
-class Placed:
-    """Where an object came to rest."""
+class RestPose:
+    """The pose at which an object comes to rest."""
 
     pose: Pose  # as in `PlacedObject`
-    drift: float  # how far its centre moved, m
-    held: bool = False  # it would have fallen: it stays where it is
+    drift: float  # distance of its centre from the described pose, m
+    held: bool = False  # it would have fallen, and is fixed where it is
 
 
 @dataclass(frozen=True)
 class RestState:
     """A scene at rest."""
 
-    placed: tuple[Placed | None, ...]  # for each object; ``None`` for what is off the simulated table
-    found: float  # found, penetration: the deepest overlap before and after, m
-    penetration: float
+    placed: tuple[RestPose | None, ...]  # of each object; None for objects off the table
+    found: float  # deepest penetration as described, m
+    penetration: float  # deepest penetration at rest, m
     still: bool  # everything came to rest
 
     @property
     def largest_drift(self) -> float:
-        """How far anything moved at most, m."""
+        """The largest drift of an object, m."""
         return max((placed.drift for placed in self.placed if placed is not None), default=0.0)
 
 
@@ -102,10 +110,15 @@ def is_over_table(placed: PlacedObject) -> bool:
 
 
 def to_instance_objects(objects: Sequence[PlacedObject], library: Library) -> list[InstanceObject]:
-    """The objects as those of a simulation; ids count from 0."""
-    poses = [_translate_in_own_frame(one.pose, -_bounding_box_center(one.asset, library)) for one in objects]
-    numbered = enumerate(zip(objects, poses, strict=True))
-    return [InstanceObject(id=number, asset=one.asset, pose=pose) for number, (one, pose) in numbered]
+    """Convert objects to those of a simulation, numbered from 0."""
+    return [
+        InstanceObject(
+            id=number,
+            asset=placed.asset,
+            pose=_translate_in_own_frame(placed.pose, -_bounding_box_center(placed.asset, library)),
+        )
+        for number, placed in enumerate(objects)
+    ]
 
 
 def build_settling_world(items: Sequence[InstanceObject], library: Library) -> World:
@@ -118,13 +131,13 @@ def build_settling_world(items: Sequence[InstanceObject], library: Library) -> W
 
 
 def settle_objects(objects: Sequence[PlacedObject], library: Library) -> RestState:
-    """Let objects come to rest, without the robot.
+    """Simulate the objects to rest, without the robot.
 
-    Of those that would fall the lowest are held in the air, one after the other, until no other falls: the photo shows
-    them at rest, so something carries them that is not described, or not as it is.
+    Objects that would fall are held in the air, the lowest first, until no other falls: the photo shows them at rest,
+    so they have a support that the description lacks.
 
     Raises:
-        SimulationError: MuJoCo takes the scene for impossible.
+        SimulationError: MuJoCo rejects the scene.
     """
     bounds = CONFIG.depenetration
     ways = [Separation(deep, lift, bounds.steps) for deep in bounds.depths for lift in (True, False)]
@@ -136,17 +149,17 @@ def settle_objects(objects: Sequence[PlacedObject], library: Library) -> RestSta
             return rest
         rests.append(rest)
 
-    def rest_state_fault_rank(rest: RestState) -> tuple[bool, int, float]:
-        """What is wrong, the worst first: overlaps, objects that moved too far, how far all did."""
+    def fault_rank(rest: RestState) -> tuple[bool, int, float]:
+        """Remaining overlap first, then the number of objects that moved too far, then their total drift."""
         drifts = [placed.drift for placed in rest.placed if placed is not None]
         return rest.penetration >= CONFIG.overlap, sum(drift > CONFIG.fallen for drift in drifts), sum(drifts)
 
-    return min(rests, key=rest_state_fault_rank)
+    return min(rests, key=fault_rank)
 
 
 @dataclass(frozen=True)
 class _Drop:
-    """Objects moved apart before gravity acts, the poses in which they rest, and which of them fell, by number."""
+    """A simulation to rest: the poses before gravity acts and at rest."""
 
     apart: list[InstanceObject]
     poses: list[Pose]
@@ -157,7 +170,7 @@ class _Drop:
 
 
 class _Settler:
-    """Lets objects come to rest, moved apart in one way."""
+    """Simulates the scene to rest for one separation strategy."""
 
     def __init__(self, objects: Sequence[PlacedObject], library: Library, way: Separation) -> None:
         self.objects, self.library, self.way = objects, library, way
@@ -166,33 +179,40 @@ class _Settler:
         self.guessed = {item.id for item, number in zip(self.items, self.here, strict=True) if objects[number].guessed}
 
     def compute_rest_state(self) -> RestState:
-        """The scene at rest."""
-        first = self._separate_and_drop(self.items, set())
-        last, held = self._hold_falling_objects(first)
-        placed: list[Placed | None] = [None] * len(self.objects)
+        """The scene at rest; falling objects are held, the lowest first, each in a new simulation."""
+
+        def lowest_corner_height(number: int) -> float:
+            item = first.apart[number]
+            bounds = np.array(self.library.load_object_model(item.asset).bounds)
+            corners = np.array(np.meshgrid(*bounds.T)).reshape(3, -1)
+            return float((matrix_from_quaternion(item.pose[1]) @ corners)[2].min() + item.pose[0][2])
+
+        first = last = self._separate_and_drop(self.items, set())
+        held: set[int] = set()
+        while fell := [number for number in last.fell if number not in held]:
+            held.add(min(fell, key=lowest_corner_height))
+            last = self._separate_and_drop(first.apart, held)
+        placed: list[RestPose | None] = [None] * len(self.objects)
         for item, resting, number in zip(self.items, last.poses, self.here, strict=True):
             pose = _translate_in_own_frame(resting, _bounding_box_center(item.asset, self.library))
             drift = _position_distance(pose, self.objects[number].pose)
-            placed[number] = Placed(pose, drift, item.id in held)
+            placed[number] = RestPose(pose, drift, item.id in held)
         return RestState(tuple(placed), first.found, last.penetration, last.still)
 
-    def _hold_falling_objects(self, first: _Drop) -> tuple[_Drop, set[int]]:
-        """The scene dropped again, with what falls held in the air: the lowest first."""
-        last, held = first, set[int]()
-        while fell := [number for number in last.fell if number not in held]:
-            held.add(min(fell, key=lambda number: _lowest_corner_height(first.apart[number], self.library)))
-            last = self._separate_and_drop(first.apart, held)
-        return last, held
-
     def _separate_and_drop(self, items: Sequence[InstanceObject], held: Collection[int]) -> _Drop:
-        """Move objects apart and let all fall but those that are held."""
+        """Move objects apart, and simulate to rest; the ``held`` objects are fixed."""
         items = [item.model_copy(update={"category": "fixed"}) if item.id in held else item for item in items]
         world = build_settling_world(items, self.library)
         found, still = deepest_overlap_depth(world), False
         first: list[Pose] = []
         apart: list[Pose] = []
         for attempt in range(CONFIG.tries):
-            separate_objects(world, self.guessed, self._choose_separation(attempt, deepest_overlap_depth(world)))
+            way, overlap = self.way, deepest_overlap_depth(world)
+            if attempt > 0 and overlap < CONFIG.wedged:  # wedged after a fall: first by small steps
+                last = attempt == CONFIG.tries - 1
+                steps = tuple(step for step in way.steps if step < CONFIG.fallen or last)
+                way = replace(way, deep=CONFIG.overlap, steps=steps)
+            separate_objects(world, self.guessed, way)
             push_overlaps_apart(world)
             apart = _read_body_poses(world, items)
             first = first or apart
@@ -204,43 +224,68 @@ class _Settler:
         moves = zip(items, first, poses, strict=True)
         fell = [item.id for item, before, after in moves if _position_distance(before, after) > CONFIG.fallen]
         moves = zip(items, first, apart, strict=True)
-        moved = [one.model_copy(update={"pose": old if one.id in fell else new}) for one, old, new in moves]
+        moved = [item.model_copy(update={"pose": old if item.id in fell else new}) for item, old, new in moves]
         return _Drop(moved, poses, fell, found, deepest_overlap_depth(world), still)
 
-    def _choose_separation(self, attempt: int, overlap: float) -> Separation:
-        """How objects that overlap by ``overlap`` (m) are moved apart: what is wedged after a fall, by little first."""
-        if attempt == 0 or overlap >= CONFIG.wedged:
-            return self.way
-        last = attempt == CONFIG.tries - 1
-        steps = tuple(step for step in self.way.steps if step < CONFIG.fallen or last)
-        return replace(self.way, deep=CONFIG.overlap, steps=steps)
+
+def _position_distance(first: Pose, second: Pose) -> float:
+    return float(np.linalg.norm(np.subtract(first[0], second[0])))
 
 
-def _position_distance(one: Pose, other: Pose) -> float:
-    """Between two positions, m."""
-    return float(np.linalg.norm(np.subtract(one[0], other[0])))
-
-
-def _lowest_corner_height(item: InstanceObject, library: Library) -> float:
-    """The height of the lowest corner of its box, m."""
-    corners = np.array(np.meshgrid(*np.array(library.load_object_model(item.asset).bounds).T)).reshape(3, -1)
-    return float((matrix_from_quaternion(item.pose[1]) @ corners)[2].min() + item.pose[0][2])
-
-
-def _bounding_box_center(asset: str, library: Library) -> "np.ndarray[tuple[int, ...], np.dtype[np.float64]]":
-    """The centre of the bounding box in the asset's frame, (3,) m."""
+def _bounding_box_center(asset: str, library: Library) -> Array:
+    """Centre (3,) of the bounding box in the asset's frame, m."""
     return np.array(library.load_object_model(asset).bounds, np.float64).mean(axis=0)
 
 
-def _translate_in_own_frame(pose: Pose, offset: "np.ndarray[tuple[int, ...], np.dtype[np.float64]]") -> Pose:
+def _translate_in_own_frame(pose: Pose, offset: Array) -> Pose:
     """A pose moved along its own axes."""
     return to_vec3(matrix_from_quaternion(pose[1]) @ offset + pose[0]), pose[1]
 
 
 def _read_body_poses(world: World, items: Sequence[InstanceObject]) -> list[Pose]:
-    """Where the objects are by now."""
+    """The current poses of the objects."""
     bodies = [world.bodies[item.id] for item in items]
     return [
         (to_vec3(world.data.xpos[body]), (float(i), float(j), float(k), float(w)))
         for body, (w, i, j, k) in ((body, world.data.xquat[body]) for body in bodies)
     ]
+
+
+def measure_depth_fidelity(
+    objects: Sequence[PlacedObject], library: Library, frame: RGBDFrame, table: TableFrame, mask: Mask
+) -> float | None:
+    """Share of the measured pixels of ``mask`` (H, W) at which the objects have the photo's depth.
+
+    ``None`` without a measured pixel.
+    """
+    rows, columns = pixels_in_mask(mask & (frame.depth > 0))
+    if not len(rows):
+        return None
+    step = -(-len(rows) // CONFIG.rays)
+    rows, columns = rows[::step], columns[::step]
+    camera, pose = frame.camera, np.asarray(table.T_robot_cam)
+    local = np.stack([(columns - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy, np.ones(len(rows))], axis=-1)
+    directions = np.asarray((local @ pose[:3, :3].T)[None], np.float64)
+    sight = VisibleScene(to_instance_objects([placed for placed in objects if is_over_table(placed)], library), library)
+    picture = render_along_rays(sight, pose[:3, 3].copy(), directions)
+    off = np.abs(picture.depth[0] - frame.depth[rows, columns])
+    return float(((off <= CONFIG.near) & (picture.owner[0] >= 0)).mean())
+
+
+def settle_and_measure_fidelity(
+    objects: Sequence[PlacedObject], library: Library, frame: RGBDFrame, table: TableFrame, mask: Mask
+) -> tuple[RestState, TwinReport]:
+    """The scene at rest and its figures; fidelity is measured at the pixels of ``mask`` (H, W)."""
+    rest = settle_objects(objects, library)
+    resting = [
+        placed if end is None else PlacedObject(placed.asset, end.pose)
+        for placed, end in zip(objects, rest.placed, strict=True)
+    ]
+    return rest, TwinReport(
+        found=rest.found,
+        penetration=rest.penetration,
+        drift=rest.largest_drift,
+        fidelity=measure_depth_fidelity(resting, library, frame, table, mask),
+        still=rest.still,
+        held=sum(end.held for end in rest.placed if end is not None),
+    )

@@ -1,4 +1,4 @@
-"""From a signed distance on a grid to a closed triangle mesh.
+"""Closed triangle mesh of a signed distance grid.
 
 Surface nets: Gibson, "Constrained elastic surface nets", MICCAI 1998. Smoothing: Taubin, "A signal processing approach
 to fair surface design", SIGGRAPH 1995."""
@@ -12,11 +12,11 @@ from grs_agents.perception.types import Array
 
 Faces = npt.NDArray[np.int64]
 Grid = npt.NDArray[np.float64]
-_INSIDE = -1e-6  # what closes an ambiguous cell lies just inside
+_INSIDE = -1e-6  # value of a corner that closes an ambiguous cell
 
 
 def mesh_zero_level(values: Grid, origin: Array, step: float) -> tuple[Array, Faces]:
-    """The closed surface where ``values`` (X, Y, Z), less than 0 inside, pass 0; faces counter-clockwise from outside.
+    """The closed zero level set of ``values`` (X, Y, Z), negative inside; faces counter-clockwise from outside.
     ``origin`` (3,) and ``step``, m, place the grid. Each edge of the mesh has exactly two faces."""
     grid = _resolve_ambiguities(np.pad(values, 1, constant_values=float(np.abs(values).max()) + 1e-9))
     inside = grid < 0
@@ -28,10 +28,10 @@ def mesh_zero_level(values: Grid, origin: Array, step: float) -> tuple[Array, Fa
     total, crossings = np.zeros((len(cells), 3)), np.zeros(len(cells))
     faces: list[Faces] = []
     for axis in range(3):
-        one, two = (axis + 1) % 3, (axis + 2) % 3
-        for first, second in product((0, 1), repeat=2):
+        second, third = (axis + 1) % 3, (axis + 2) % 3
+        for offset in product((0, 1), repeat=2):
             start = np.zeros(3, np.int64)
-            start[one], start[two] = first, second
+            start[second], start[third] = offset
             end = start + np.eye(3, dtype=np.int64)[axis]
             a, b = grid[tuple((cells + start).T)], grid[tuple((cells + end).T)]
             crossed = (a < 0) != (b < 0)
@@ -45,26 +45,26 @@ def mesh_zero_level(values: Grid, origin: Array, step: float) -> tuple[Array, Fa
 
 
 def _quads_across_axis(inside: npt.NDArray[np.bool_], number: Faces, axis: int) -> Faces:
-    """Two triangles for each grid edge along an axis with one end inside, between the four cells around it."""
-    one, two = (axis + 1) % 3, (axis + 2) % 3
+    """Two triangles, between the four cells around it, for each grid edge along an axis that crosses the surface."""
+    second, third = (axis + 1) % 3, (axis + 2) % 3
     ahead = np.moveaxis(inside, axis, 0)
     starts = np.argwhere(np.moveaxis(ahead[:-1] != ahead[1:], 0, axis))
     leaves = inside[tuple(starts.T)]  # the edge leaves the solid along the axis
     unit = np.eye(3, dtype=np.int64)
-    around = [starts - unit[one] - unit[two], starts - unit[two], starts, starts - unit[one]]
+    around = [starts - unit[second] - unit[third], starts - unit[third], starts, starts - unit[second]]
     a, b, c, d = (number[tuple(cell.T)] for cell in around)
     b, d = np.where(leaves, b, d), np.where(leaves, d, b)
     return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
 
 
 def _resolve_ambiguities(grid: Grid) -> Grid:
-    """Of four corners of a face of which only two opposite ones are inside, one more goes inside: else four faces of
-    the mesh would meet in one edge."""
+    """Move a third corner inside where only two opposite corners of a grid face are: else four faces of the mesh would
+    share an edge."""
     grid = grid.copy()
     for _ in range(20):
         changed = False
         for axis in range(3):
-            turned = np.moveaxis(grid, axis, 2)  # a view: what is written here is written there
+            turned = np.moveaxis(grid, axis, 2)  # a view of the grid
             inside = turned < 0
             a, b, c, d = inside[:-1, :-1], inside[1:, :-1], inside[1:, 1:], inside[:-1, 1:]
             for first in (True, False):
@@ -80,7 +80,7 @@ def _resolve_ambiguities(grid: Grid) -> Grid:
 
 
 def smooth_grid(values: Grid) -> Grid:
-    """The grid, where each value is mixed with its neighbours' along each axis."""
+    """The grid smoothed by a kernel of three along each axis."""
     for axis in range(3):
         turned = np.moveaxis(values, axis, 0)
         padded = np.concatenate([turned[:1], turned, turned[-1:]])
@@ -97,18 +97,20 @@ def edges_of_mesh(faces: Faces) -> Faces:
 
 
 def smooth_mesh(vertices: Array, faces: Faces, rounds: int) -> Array:
-    """(V, 3) vertices without the steps of the grid, the volume being kept."""
+    """(V, 3) vertices after Taubin smoothing, which keeps the volume."""
     edges = edges_of_mesh(faces)
-    one, two = np.concatenate([edges, edges[:, ::-1]]).T
-    count = np.maximum(np.bincount(one, minlength=len(vertices)), 1)
+    starts, ends = np.concatenate([edges, edges[:, ::-1]]).T
+    count = np.maximum(np.bincount(starts, minlength=len(vertices)), 1)
     for strength in (0.5, -0.53) * rounds:
-        means = [np.bincount(one, weights=vertices[two, axis], minlength=len(vertices)) / count for axis in range(3)]
+        means = [
+            np.bincount(starts, weights=vertices[ends, axis], minlength=len(vertices)) / count for axis in range(3)
+        ]
         vertices = vertices + strength * (np.stack(means, axis=1) - vertices)
     return vertices
 
 
 def keep_large_pieces(vertices: Array, faces: Faces, share: float) -> tuple[Array, Faces]:
-    """The mesh without its small pieces and without closed cavities; ``share`` is of the largest piece's volume."""
+    """The mesh without closed cavities and pieces below ``share`` of the largest piece's volume."""
     links = faces[:, [[0, 1], [1, 2]]].reshape(-1, 2)
     labels = _connected_labels(len(vertices), links)
     corners = vertices[faces]
@@ -120,14 +122,14 @@ def keep_large_pieces(vertices: Array, faces: Faces, share: float) -> tuple[Arra
 
 
 def _connected_labels(count: int, links: Faces) -> Faces:
-    """(count,) the least number among those that each is linked with, by links (L, 2), over any number of steps."""
+    """(count,) connected component of each vertex, by its least vertex; links (L, 2)."""
     labels = np.arange(count)
     while True:
         least = labels[links].min(axis=1)
         spread = labels.copy()
         np.minimum.at(spread, links[:, 0], least)
         np.minimum.at(spread, links[:, 1], least)
-        np.minimum.at(spread, labels, spread)  # what was one stays one
+        np.minimum.at(spread, labels, spread)
         spread = spread[spread]
         if (spread == labels).all():
             return labels

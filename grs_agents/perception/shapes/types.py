@@ -1,4 +1,4 @@
-"""What a shape is reconstructed from, and what it is.
+"""Input and output of shape reconstruction.
 
 Object frame: origin on the support under the middle of the measured box, z up, x along the first side of that box.
 """
@@ -9,16 +9,17 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.perception.types import Array, Image, Intrinsics, Mask
+from grs_agents.base.geometry.transforms import pose_matrix, rotation_about_z
+from grs_agents.perception.types import Array, Image, Intrinsics, Mask, RGBDFrame, TableFrame, UprightBox
 
 ShapeMethod = Literal["box", "lathe", "mirror", "voxels", "model"]
 """A box; revolved about an upright axis; carved by the view and its mirror images; carved by the view alone; or made by
-a model of one's own."""
+the user's model."""
 
 
 @dataclass(frozen=True)
 class ObjectView:
-    """One object in a photo with depth."""
+    """An object in a photo with depth."""
 
     rgb: Image  # (H, W, 3) uint8
     depth: npt.NDArray[np.float32]  # (H, W) metres along the optical axis, 0 where nothing was measured
@@ -27,11 +28,11 @@ class ObjectView:
     T_object_cam: Array  # (4, 4) from the camera frame (OpenCV axes) to the object frame, metres
     size: tuple[float, float, float]  # of the measured upright box along the object frame's axes, metres
     noise: float  # standard deviation of depth at the object's distance, metres
-    hollow: bool = False  # whether what was measured of it is open at the top
+    hollow: bool = False  # whether its measured points are open at the top
 
 
 @dataclass(frozen=True)
-class TexturedMesh:
+class ObjectMesh:
     """A closed triangle mesh with a picture on it."""
 
     vertices: Array  # (V, 3) metres, object frame
@@ -42,12 +43,25 @@ class TexturedMesh:
 
 @dataclass(frozen=True)
 class ObjectShape:
-    """What an object looks like, all round."""
+    """A reconstructed object: mesh, walls if hollow, agreement with the photo."""
 
-    mesh: TexturedMesh
+    mesh: ObjectMesh
     method: ShapeMethod
-    hollow: bool  # open at the top, one can put something into it
+    hollow: bool  # open at the top: objects can be put into it
     # of a hollow lathe: (N, 3) inner radius, outer radius, height above the support, metres, from the floor to the rim
     walls: Array | None
     silhouette_iou: float  # of the mesh seen by the photo's camera with the mask, where nothing nearer hides it
     depth_error: float  # 90th percentile of |mesh - measured| over the mask's pixels with depth, metres
+
+
+def make_object_view(
+    frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox, noise: float, hollow: bool = False
+) -> ObjectView:
+    """The view of the object with this mask (H, W) and measured upright box; the rest is as in `ObjectView`."""
+    T_object_cam = np.linalg.inv(object_pose(box)) @ np.asarray(table.T_robot_cam, np.float64)
+    return ObjectView(frame.rgb, frame.depth, mask, frame.camera.intrinsics, T_object_cam, box.size, noise, hollow)
+
+
+def object_pose(box: UprightBox) -> Array:
+    """(4, 4) transform from the frame of the object with that box to the robot frame, metres."""
+    return pose_matrix(rotation_about_z(box.yaw), np.subtract(box.center, (0.0, 0.0, box.size[2] / 2)))

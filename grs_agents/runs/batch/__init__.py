@@ -1,1 +1,1 @@
-"""Many runs of many scenes: made side by side, told in one table, taken up again where they stopped."""
+"""Batches: runs of many scenes in parallel, summarised in a table, resumable after an interruption."""

@@ -1,6 +1,6 @@
-"""``python -m grs_agents.runs.batch.child PARENT ARGUMENTS``: the ``grs`` command, which ends when its parent does.
+"""``python -m grs_agents.runs.batch.child PARENT ARGUMENTS``: the ``grs`` command, ended together with its parent.
 
-Otherwise a batch that is killed would leave runs behind that hold their folders.
+Otherwise a killed batch would leave runs behind that lock their folders.
 """
 
 import ctypes
@@ -13,11 +13,11 @@ _PR_SET_PDEATHSIG = 1
 
 
 def main() -> None:
-    """Have the kernel send SIGTERM when the parent ends, then run the command line."""
+    """Have the kernel send SIGTERM at the parent's end, then run the command line."""
     parent = int(sys.argv.pop(1))
-    if sys.platform == "linux":  # no other kernel takes such an order
+    if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-        if os.getppid() != parent:  # it ended before the kernel was asked
+        if os.getppid() != parent:  # it ended before the call
             sys.exit(1)
     runpy.run_module("grs_agents", run_name="__main__", alter_sys=True)
 

@@ -1,4 +1,4 @@
-"""One run in a process of its own, so that a crash or a hang costs it alone."""
+"""A run in a separate process, so that a crash or a hang costs that run alone."""
 
 import os
 import subprocess
@@ -19,45 +19,45 @@ from grs_agents.perception.reading.scene_source import resolve_scene_path
 from grs_agents.runs.record import RunRecord, read_record
 
 ENDED: Final = ("accepted", "rejected", "waiting")
-"""What is not run again: verdicts, and what waits for a person."""
+"""Statuses that are not run again: verdicts, and runs that wait for a person."""
 _GRACE: Final = 2.5
-"""Seconds for a run that is asked to end to write its record; then it is killed. A driver that gets SIGTERM has five
-until most supervisors kill it."""
+"""Seconds for an interrupted run to write its record before it is killed. Most supervisors kill a process five
+seconds after SIGTERM."""
 
 
 @dataclass(frozen=True)
 class RunJob:
-    """One run to make."""
+    """A run to make."""
 
-    name: str  # its folder's name, and how tables call it
+    name: str  # of its folder, and in tables
     scene: str  # as `grs run` takes it
     seed: int
     folder: Path
     options: tuple[str, ...] = ()  # further options of `grs run`
-    known: Path | None = None  # the folder of a run of the same photo, whose scene is taken over where it has one
-    # options by which a worker of a cluster finds the content of the process that ordered the run
+    known: Path | None = None  # folder of a run of the same photo; its comprehended scene, if any, is reused
+    # options that point a cluster's worker to the content of the submitting process
     content: tuple[str, ...] = field(default_factory=lambda: tuple(list_content_options()))
 
     @property
     def source(self) -> str:
-        """What `grs run` is given."""
+        """Argument of `grs run`."""
         return self.scene if self.known is None or not is_known_scene(self.known) else str(self.known)
 
 
 @dataclass(frozen=True)
 class RunEnd:
-    """How the process of a run ended."""
+    """The end of a run's process."""
 
     job: RunJob
     exit_status: int | None  # of the command; `None` if it had to be killed
-    error: str = ""  # the last line it wrote on stderr, if it came to no verdict
+    error: str = ""  # last line of stderr, if there is no verdict
 
 
 Watcher = Callable[[RunEnd], None]
 
 
 class RunProcesses:
-    """The processes of the runs that are under way, which end together."""
+    """The running processes, ended together."""
 
     def __init__(self) -> None:
         self._lock = Lock()
@@ -66,7 +66,7 @@ class RunProcesses:
 
     @contextmanager
     def start(self, command: Sequence[str], errors: IO[str]) -> Generator[subprocess.Popen[bytes]]:
-        """A process that is under way until the block ends. Raises InterruptedError: ``end`` was called before."""
+        """Run a process within the context. Raises InterruptedError: after ``end``."""
         with self._lock:
             if self._ended:
                 raise InterruptedError("the batch ends")
@@ -85,7 +85,7 @@ class RunProcesses:
                 self._running.discard(process)
 
     def end(self) -> None:
-        """Ask all processes to end, kill those that do not, and let no further one start."""
+        """Ask all processes to end, kill those still running, and let no new process start."""
         with self._lock:
             self._ended = True
             running = list(self._running)
@@ -97,27 +97,27 @@ class RunProcesses:
                 process.wait(max(0.0, latest - time.monotonic()))
         except subprocess.TimeoutExpired:
             pass
-        finally:  # a second request to end waits for nobody
+        finally:  # also after a second interruption
             for process in running:
                 process.kill()
 
 
 def run_job(job: RunJob, timeout: float, processes: RunProcesses) -> RunEnd:
-    """Make or resume one run in a process of its own, and wait for its end."""
+    """Make or resume a run in a separate process, and wait for its end."""
     earlier = read_run_record_or_none(job.folder)
     if earlier is not None and earlier.status in ENDED:
         return RunEnd(job, earlier.exit_status)
     begin = ("--resume",) if earlier is not None else ("--seed", str(job.seed))
     source = job.source
     if earlier is not None and resolve_scene_path(Path(job.scene)) == Path(earlier.source):
-        source = job.scene  # begun before there was a run of the same photo to take the scene over from
+        source = job.scene  # begun before there was a scene to reuse
     command = [*job.content, "run", source, "--out", str(job.folder), "--json", *begin, *job.options]
-    # The environment is the user's own: a model may need its key.
+    # The run gets the user's whole environment: a model may need its key.
     starter = [sys.executable, "-m", "grs_agents.runs.batch.child", str(os.getpid())]
     job.folder.parent.mkdir(parents=True, exist_ok=True)
-    if job.folder.is_symlink():  # the batch's folder may come from somebody else
+    if job.folder.is_symlink():  # the batch's folder may be foreign
         return RunEnd(job, 2, f"{job.folder} is a link; remove it, or name another folder with --out")
-    log = job.folder.with_name(f"{job.name}.log")  # no pipe: it would break with us, while the run still speaks
+    log = job.folder.with_name(f"{job.name}.log")  # a pipe would break if this process ended before the run
     with open_new_text(log) as errors, processes.start([*starter, *command], errors) as process:
         try:
             status = process.wait(timeout)
@@ -125,16 +125,12 @@ def run_job(job: RunJob, timeout: float, processes: RunProcesses) -> RunEnd:
             process.kill()
             process.wait()
             return RunEnd(job, None, f"killed after {timeout:.0f} s")
-    return RunEnd(job, status, _read_last_line(log) if status > 1 else "")
-
-
-def _read_last_line(log: Path) -> str:
-    lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-    return lines[-1].removeprefix("grs: ") if lines else ""
+    lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines() if status > 1 else []
+    return RunEnd(job, status, lines[-1].removeprefix("grs: ") if lines else "")
 
 
 def read_run_record_or_none(folder: Path) -> RunRecord | None:
-    """The record of the run in ``folder``, if there is a sound one."""
+    """The record of the run in ``folder``; None without a valid record."""
     try:
         return read_record(folder)
     except InputError:

@@ -1,4 +1,4 @@
-"""The scenes that a command line names: one by one, by folder, by BOP data set, by glob."""
+"""Scenes named on a command line: single scenes, folders, BOP data sets, globs."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -15,29 +15,27 @@ _REMEDY = "name scenes, folders of scenes, bop:ROOT/SPLIT, .npz files, or a glob
 
 
 def list_scenes(names: Sequence[str]) -> tuple[str, ...]:
-    """Every scene that ``names`` tell of, as `grs run` takes it, each once, in their order.
+    """The scenes of ``names``, in order and without duplicates, as accepted by `grs run`.
 
-    A name is a scene, a sample scene, a folder of scene folders and ``.npz`` files, ``bop:`` with a data set's split,
-    scene or image, or a glob of any of these.
+    A name is a scene, a sample scene, a folder of scene folders and ``.npz`` files, ``bop:`` with a data set's
+    split, scene or image, or a glob of any of these.
 
     Raises:
-        InputError: a name tells of no scene.
+        InputError: a name has no scene.
     """
-    found: dict[str, None] = {}
+    unique: dict[str, None] = {}
     for name in names:
-        scenes = [scene for part in _expand_glob(name) for scene in _list_scenes_at_path(part)]
+        prefix, pattern = (_PREFIX, name[len(_PREFIX) :]) if name.startswith(_PREFIX) else ("", name)
+        matches = [name]
+        if set(pattern) & set(_WILD):
+            path = Path(pattern)
+            paths = sorted(Path(path.anchor).glob(str(path.relative_to(path.anchor))))
+            matches = [f"{prefix}{path}" for path in paths]
+        scenes = [scene for match in matches for scene in _list_scenes_at_path(match)]
         if not scenes:
             raise InputError(f"{name} names no scene", _REMEDY)
-        found.update(dict.fromkeys(scenes))
-    return tuple(found)
-
-
-def _expand_glob(name: str) -> list[str]:
-    prefix, pattern = (_PREFIX, name[len(_PREFIX) :]) if name.startswith(_PREFIX) else ("", name)
-    if not set(pattern) & set(_WILD):
-        return [name]
-    path = Path(pattern)
-    return [prefix + str(found) for found in sorted(Path(path.anchor).glob(str(path.relative_to(path.anchor))))]
+        unique.update(dict.fromkeys(scenes))
+    return tuple(unique)
 
 
 def _list_scenes_at_path(name: str) -> Iterator[str]:
@@ -45,8 +43,9 @@ def _list_scenes_at_path(name: str) -> Iterator[str]:
     if is_bop_source(path):
         yield from _list_scenes_of_bop_data_set(Path(name[len(_PREFIX) :]))
     elif is_folder(path) and not _holds_photo(path):
-        inside = sorted(path.iterdir())
-        yield from (str(item.resolve()) for item in inside if _is_scene_file_or_folder(item))
+        for item in sorted(path.iterdir()):
+            if item.suffix.lower() == ".npz" if item.is_file() else is_folder(item) and _holds_photo(item):
+                yield str(item.resolve())
     else:
         check_scene_source(path)
         yield str(path.resolve())
@@ -56,12 +55,8 @@ def _holds_photo(folder: Path) -> bool:
     return (folder / "camera.json").exists() or any(file.stem in ("rgb", "color") for file in folder.iterdir())
 
 
-def _is_scene_file_or_folder(item: Path) -> bool:
-    return item.suffix.lower() == ".npz" if item.is_file() else is_folder(item) and _holds_photo(item)
-
-
 def _list_scenes_of_bop_data_set(path: Path) -> Iterator[str]:
-    """The images of a split or of a scene folder; an image alone is itself."""
+    """The images of a split or of a scene folder, or a single image."""
     for cameras in sorted([*path.glob(_CAMERAS), *path.glob(f"*/{_CAMERAS}")]):
         try:
             numbers = sorted(map(int, read_json(cameras, "see github.com/thodan/bop_toolkit")))

@@ -1,4 +1,4 @@
-"""``--where``: an expression over the columns of a batch. It is read as a syntax tree and never executed."""
+"""``--where``: an expression over the columns of a batch, evaluated on its syntax tree and never executed."""
 
 import ast
 import operator
@@ -22,10 +22,12 @@ _REMEDY: Final = "compare columns with and, or, not, in, ==, !=, <, <=, >, >=, a
 
 
 def select_rows(rows: Sequence[BatchRow], expression: str) -> list[BatchRow]:
-    """The rows for which ``expression`` holds, such as ``status == "accepted" and fixes < 2``.
+    """The rows that satisfy ``expression``, such as ``status == "accepted" and fixes < 2``.
+
+    A missing value equals None and fails every order comparison.
 
     Raises:
-        InputError: it is no comparison of columns. A column without a value is smaller than nothing and equal to None.
+        InputError: no comparison of columns.
     """
     try:
         tree = ast.parse(expression, mode="eval").body

@@ -1,1 +1,1 @@
-"""What runs inside the sandbox: the zygote, its children, and the tests of a program."""
+"""The inside of the sandbox: the zygote, its children, and the tests of a program."""

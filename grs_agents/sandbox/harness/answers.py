@@ -8,7 +8,7 @@ from grs_agents.base.errors import InputError
 from grs_agents.sandbox.harness.channel import report_progress
 
 _PIECE = 3 << 20
-"""Bytes of one piece; a whole picture as one line of JSON would be held four times."""
+"""Bytes of a piece; a whole picture as a single line of JSON would be held four times."""
 
 
 def send_blob(name: str, data: bytes | memoryview) -> None:
@@ -19,7 +19,7 @@ def send_blob(name: str, data: bytes | memoryview) -> None:
 
 
 def answer_or_refuse(read: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """What ``read`` returns as an answer; where it refuses what it read, the words of its InputError."""
+    """The result of ``read`` as an answer; if it refuses its input, the message of its InputError."""
     try:
         return {"answer": read()}
     except InputError as error:

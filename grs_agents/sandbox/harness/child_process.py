@@ -1,4 +1,4 @@
-"""The process of one call: takes the request, gives up every right it can, runs the tool, reports."""
+"""The process of a single call: takes the request, gives up every right it can, runs the tool, reports."""
 
 import faulthandler
 import fcntl
@@ -30,6 +30,7 @@ from grs_agents.sandbox.isolation.privileges import Allowance, set_resource_limi
 from grs_agents.sandbox.protocol import startup, wire
 from grs_agents.sandbox.protocol.report import Limits
 from grs_agents.sandbox.protocol.startup import Settings
+from grs_agents.sandbox.protocol.tracebacks import MAX_TRACEBACK
 
 _DESCRIPTORS = 128
 _FRAMES, _TRACE = 3, 4
@@ -39,7 +40,7 @@ _PROMISED = ("landlock", "no capabilities", "seccomp")
 
 
 def warm_up(settings: Settings) -> None:
-    """Before there is an order: import what the settings name, and do what each child would otherwise do again."""
+    """Import the modules of the settings ahead of any order, and do the work that all children share."""
     for name in settings.preload:
         module, _, function = name.partition(":")
         loaded = importlib.import_module(module)
@@ -55,7 +56,8 @@ def warm_up(settings: Settings) -> None:
 
 
 def create_worker_file_rules(settings: Settings, scratch: Path) -> int | None:
-    """What a process that works in ``scratch`` may do with files, as ``harden`` takes it; forked ones inherit it."""
+    """File rules, as ``harden_process`` takes them, of a process that works in ``scratch``; forked processes inherit
+    them."""
     return (
         create_file_rules(settings.readable, (scratch, *settings.writable, Path(os.devnull)))
         if settings.layers
@@ -66,13 +68,28 @@ def create_worker_file_rules(settings: Settings, scratch: Path) -> int | None:
 def serve_request(
     frames: int, trace: int, output: int, scratch: Path, limits: Limits, settings: Settings, rules: int | None
 ) -> NoReturn:
-    """Serve one request in this process, which was forked or started for it alone, and end it."""
+    """Serve a single request in this process, which was forked or started for it alone, and end it."""
     with suppress(BaseException):
         zygote, before = os.getppid(), time.process_time()
         rules = _close_other_descriptors(frames, trace, output, rules)
-        _die_with_zygote(zygote, limits)
-        _enter_scratch_folder(scratch)
-        frame = _receive_request()
+        if sys.platform == "linux":  # have the kernel kill this process when the zygote ends
+            kernel.prctl(_PDEATHSIG, signal.SIGKILL)
+            if os.getppid() != zygote:  # the zygote ended before the kernel was asked
+                os._exit(0)
+        else:  # no other kernel takes such an order: at least nothing stays for good
+            signal.alarm(math.ceil(limits.wall_seconds) + _GRACE_SECONDS)
+        os.setsid()
+        signal.set_wakeup_fd(-1)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGCHLD):
+            signal.signal(number, signal.SIG_DFL)
+        with suppress(OSError):  # if memory runs out altogether, this process is killed first
+            kernel.write_kernel_file("/proc/self/oom_score_adj", b"1000")
+        os.environ["HOME"] = os.environ["TMPDIR"] = str(scratch)
+        tempfile.tempdir = None
+        os.chdir(scratch)
+        reader, frame = wire.FrameReader(), None
+        while frame is None and (data := os.read(_FRAMES, 1 << 16)):
+            frame = next(iter(reader.feed(data)), None)
         if frame is not None:
             channel.connect(_FRAMES, frame.pop("key"))
             _load_and_run_tool(frame, limits, settings, rules, before)
@@ -98,7 +115,7 @@ def _load_and_run_tool(
 
 
 def _close_other_descriptors(frames: int, trace: int, output: int, rules: int | None) -> int | None:
-    """Keep the descriptors that this process needs, and close everything of the zygote's; the new one of ``rules``."""
+    """Close all descriptors of the zygote that this process does not need. Returns: the new descriptor of ``rules``."""
     kept = [os.open(os.devnull, os.O_RDONLY), output, output, frames, trace]
     if rules is not None:
         kept.append(rules)
@@ -107,29 +124,6 @@ def _close_other_descriptors(frames: int, trace: int, output: int, rules: int | 
         os.dup2(descriptor, number)
     os.closerange(len(high), max(high) + 1 + _DESCRIPTORS)
     return None if rules is None else len(high) - 1
-
-
-def _die_with_zygote(zygote: int, limits: Limits) -> None:
-    """Have the kernel kill this process when the zygote ends."""
-    if sys.platform != "linux":  # no other kernel takes such an order: at least nothing stays for good
-        signal.alarm(math.ceil(limits.wall_seconds) + _GRACE_SECONDS)
-        return
-    kernel.prctl(_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != zygote:  # it ended before the kernel was asked
-        os._exit(0)
-
-
-def _enter_scratch_folder(scratch: Path) -> None:
-    """A session, signals, a working folder and an environment of its own."""
-    os.setsid()
-    signal.set_wakeup_fd(-1)
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGCHLD):
-        signal.signal(number, signal.SIG_DFL)
-    with suppress(OSError):  # where memory runs out altogether, this process goes first
-        kernel.write_kernel_file("/proc/self/oom_score_adj", b"1000")
-    os.environ["HOME"] = os.environ["TMPDIR"] = str(scratch)
-    tempfile.tempdir = None
-    os.chdir(scratch)
 
 
 def _confine_process(limits: Limits, settings: Settings, rules: int | None) -> None:
@@ -146,14 +140,6 @@ def _confine_process(limits: Limits, settings: Settings, rules: int | None) -> N
         raise HardeningError(f"this kernel has no {' and no '.join(missing)}", "see `grs doctor`")
 
 
-def _receive_request() -> dict[str, Any] | None:
-    reader = wire.FrameReader()
-    while data := os.read(_FRAMES, 1 << 16):
-        if frames := reader.feed(data):
-            return frames[0]
-    return None
-
-
 def _run_tool_and_send_result(inside: Callable[[dict[str, Any]], object], request: dict[str, Any]) -> None:
     with CapturedError() as captured:
         value = inside(request)
@@ -163,15 +149,15 @@ def _run_tool_and_send_result(inside: Callable[[dict[str, Any]], object], reques
             raise TypeError(f"a tool returns a dict, not {type(value).__name__}")
         channel.send({"kind": "result", "value": value})
     if isinstance(captured.error, MemoryError):
-        traceback.clear_frames(captured.error.__traceback__)  # the memory hangs on their local variables
+        traceback.clear_frames(captured.error.__traceback__)  # their local variables keep the memory alive
         channel.send({"kind": "error", "outcome": "memory_limit", "error": ""})
     elif captured.error is not None:
         text = "".join(traceback.format_exception(captured.error))
-        channel.send({"kind": "error", "outcome": "error", "error": text[-8000:]})
+        channel.send({"kind": "error", "outcome": "error", "error": text[-MAX_TRACEBACK:]})
 
 
 def main() -> None:
-    """Be a process for a single call, started by ``zygote.Spawned``: import, wait for the one order, serve it.
+    """Entry of a process for a single call, started by ``zygote.Spawned``: import, wait for the order, serve it.
 
     It begins under the system's sandbox, so that even its imports have no more rights than the code that it will run.
     """

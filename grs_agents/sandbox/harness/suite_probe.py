@@ -1,4 +1,4 @@
-"""Run a whole test suite again and again in one process, each time until its first test that does not pass."""
+"""Run a whole test suite repeatedly in a single process, each time until its first test that does not pass."""
 
 import contextlib
 import io
@@ -46,10 +46,10 @@ class _FirstFailure(unittest.TestResult):
 def run_suite_once(
     simulation: str, tests: str, alias: str, items: Sequence[str], seed: int, begin: Callable[[], None]
 ) -> dict[str, Any]:
-    """Load both programs anew and run the tests ``items`` (ids) in their order, up to the first that does not pass.
+    """Reload both programs and run the tests ``items`` (ids) in their order, up to the first that does not pass.
 
-    ``begin`` is called before each test, once the generators are seeded with ``seed``. The answer is ``{"passed": ...,
-    "test": id of the test that did not, "message": why}``; what is printed is lost. ``MemoryError`` is raised.
+    ``begin`` is called before each test, after the generators are seeded with ``seed``. The answer is ``{"passed": ...,
+    "test": id of the failed test, "message": why}``; printed output is lost. ``MemoryError`` is raised.
     """
 
     def seed_and_begin_test() -> None:
@@ -59,7 +59,12 @@ def run_suite_once(
     result = _FirstFailure(seed_and_begin_test)
     printed = io.StringIO()
     with CapturedError() as captured, contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
-        for name in [name for name, module in sys.modules.items() if _is_generated_program(module)]:
+        # Read from the dict: a module may define ``__getattr__``.
+        for name in [
+            name
+            for name, module in sys.modules.items()
+            if (getattr(module, "__dict__", {}).get("__file__") in (SIMULATION_FILE, TESTS_FILE))
+        ]:
             del sys.modules[name]
         seed_and_begin_test()
         load_program(simulation, alias)
@@ -71,8 +76,3 @@ def run_suite_once(
     if captured.error is not None and result.failed is None:
         result.failed, result.message = "", describe_error(captured.error).message
     return {"passed": result.failed is None, "test": result.failed or "", "message": result.message}
-
-
-def _is_generated_program(module: Any) -> bool:
-    # Not by the attribute: a module may look a missing one up.
-    return getattr(module, "__dict__", {}).get("__file__") in (SIMULATION_FILE, TESTS_FILE)

@@ -1,4 +1,4 @@
-"""The child's side of a test run: load the program and its tests, run them one by one.
+"""The child's side of a test run: load the program and its tests, run them one after another.
 
 Each test is reported as it starts and as it ends.
 """
@@ -25,25 +25,73 @@ from typing import Any, TextIO, cast
 from grs_agents.sandbox.harness.assertion_count import COUNTER, Counter, insert_counter_calls
 from grs_agents.sandbox.harness.captured_error import CapturedError
 from grs_agents.sandbox.harness.channel import report_progress
-from grs_agents.sandbox.harness.fixture_episodes import FixtureEpisodes
 from grs_agents.sandbox.harness.tamper_detection import Integrity, find_overridden_method, find_shadowed_method
-from grs_agents.sandbox.protocol.tracebacks import SIMULATION_FILE, TESTS_FILE, RaisedIn, describe_error, shorten_paths
+from grs_agents.sandbox.protocol.tracebacks import (
+    MAX_MESSAGE,
+    MAX_OUTPUT,
+    SIMULATION_FILE,
+    TESTS_FILE,
+    RaisedIn,
+    describe_error,
+    shorten_paths,
+)
 
-_KEPT_OUTPUT = 4000
+_MAX_LISTED_TESTS = 1000
+
+
+class FixtureEpisodes:
+    """Keeps the episodes of fixtures apart from those of tests; ``take`` gives the last episode, once."""
+
+    def __init__(self, take: Callable[[], dict[str, Any] | None]) -> None:
+        self._take = take
+        self._module: dict[str, Any] | None = None
+        self._classes: dict[type, dict[str, Any]] = {}
+
+    def watch_module(self, tests: ModuleType) -> None:
+        """Record the episode that ``setUpModule`` of the tests runs."""
+        set_up: Any = getattr(tests, "setUpModule", None)
+
+        def set_up_module() -> None:
+            try:
+                set_up()
+            finally:
+                self._module = self._take()
+
+        if callable(set_up):
+            vars(tests)["setUpModule"] = set_up_module
+
+    def begin_test(self, kind: type[unittest.TestCase]) -> None:
+        """Begin a test of a class: an episode since the last test belongs to ``setUpClass``, if the class defines
+        it."""
+        episode = self._take()
+        has_fixture = getattr(kind.setUpClass, "__func__", None) is not getattr(
+            unittest.TestCase.setUpClass, "__func__", None
+        )
+        if episode is not None and has_fixture:
+            self._classes[kind] = episode
+
+    def find_episode_fields(self, kind: type | None) -> dict[str, Any]:
+        """The fields ``episode`` and ``episode_hook`` of a test of a class, None: of a fixture that failed."""
+        episode = self._take()
+        if episode is not None:
+            return {"episode": episode, "episode_hook": "test" if kind else "setUpClass"}
+        if kind in self._classes:
+            return {"episode": self._classes[kind], "episode_hook": "setUpClass"}
+        return {"episode": self._module, "episode_hook": "setUpModule" if self._module else ""}
 
 
 @dataclass
 class Session:
-    """What all results of one worker share."""
+    """State shared by all results of a worker."""
 
     begin: Callable[[], Any]  # called before each test: seeds, clears
-    fixtures: FixtureEpisodes  # and tests: what to keep with each test
+    fixtures: FixtureEpisodes  # and of tests: the episode to keep with each test
     limit: Callable[[], Any]  # says in words which limit a test reached, if any
     counter: Counter  # of the assertions that are reached
     integrity: Integrity  # of the machinery
     names: dict[int, str] = field(default_factory=dict[int, str])  # ids of the tests by `id()` of their test cases
     ended: set[str] = field(default_factory=set[str])  # ids of the tests that were reported
-    # why nothing that still runs in this process can be trusted, None if all is well
+    # reason why the rest of this process cannot be trusted, None if all is well
     spoilt: BaseException | None = None
 
 
@@ -92,9 +140,21 @@ class Result(unittest.TestResult):
         printed = shorten_paths(self._printed.getvalue())
         case.update(seconds=seconds, output=printed, assertions=session.counter.count)
         if session.spoilt is None:
-            case.update(self._make_limit_outcome_if_reached(case))
+            with CapturedError():  # a limit counts even if the test caught its error
+                reached = session.limit()
+                if isinstance(reached, str) and case.get("outcome") != "tampered":
+                    culprit = case.get("raised_in") or "simulation"
+                    case.update(outcome="limit", message=reached[:MAX_MESSAGE], raised_in=culprit)
             case.update(session.fixtures.find_episode_fields(type(test)))
-            case.update(self._make_tampered_outcome_if_found(test))
+            shadowed = find_shadowed_method(test, self)
+            broken = (
+                (f"{shadowed} was replaced on the test or its result", "tests")
+                if shadowed
+                else session.integrity.find_replaced_definition()
+            )
+            if broken is not None:  # nothing else may run in this process
+                session.spoilt, self.shouldStop = TamperedError(broken[0]), True
+                case.update(outcome="tampered", message=broken[0], raised_in=broken[1] or "tests")
         report_progress(case)
         session.ended.add(case["item"])
         self._case = None
@@ -114,7 +174,7 @@ class Result(unittest.TestResult):
         del subtest
 
     def addSkip(self, test: unittest.TestCase, reason: str) -> None:
-        self._set_outcome(test, outcome="skipped", message=str(reason)[:1000] or "skipped", raised_in="tests")
+        self._set_outcome(test, outcome="skipped", message=str(reason)[:MAX_MESSAGE] or "skipped", raised_in="tests")
 
     def addExpectedFailure(self, test: unittest.TestCase, err: Any) -> None:
         del err
@@ -131,27 +191,6 @@ class Result(unittest.TestResult):
             for item in items:
                 report_unrun_test(item, **self._fixture)
 
-    def _make_limit_outcome_if_reached(self, case: dict[str, Any]) -> dict[str, Any]:
-        """What a limit that the test reached makes of its case, however it dealt with the error."""
-        with CapturedError():
-            said = self._session.limit()
-            if isinstance(said, str) and case.get("outcome") != "tampered":
-                return {"outcome": "limit", "message": said[:1000], "raised_in": case.get("raised_in") or "simulation"}
-        return {}
-
-    def _make_tampered_outcome_if_found(self, test: unittest.TestCase) -> dict[str, Any]:
-        """What is found out of order now; nothing else may run in this process then."""
-        own = find_shadowed_method(test, self)
-        broken = (
-            (f"{own} was replaced on the test or its result", "tests")
-            if own
-            else self._session.integrity.find_replaced_definition()
-        )
-        if broken is None:
-            return {}
-        self._session.spoilt, self.shouldStop = TamperedError(broken[0]), True
-        return {"outcome": "tampered", "message": broken[0], "raised_in": broken[1] or "tests"}
-
     def _record_error(self, outcome: str, error: BaseException, test: Any) -> None:
         if isinstance(error, MemoryError):
             traceback.clear_frames(error.__traceback__)  # the memory hangs on their local variables
@@ -166,9 +205,9 @@ class Result(unittest.TestResult):
     def _set_outcome(self, test: Any, **facts: Any) -> None:
         if self._case is None:
             where = str(getattr(test, "description", "")) or "a fixture"
-            message = f"{where}: {facts.get('message', '')}"[:1000]
+            message = f"{where}: {facts.get('message', '')}"[:MAX_MESSAGE]
             self._fixture = {**facts, **self._session.fixtures.find_episode_fields(None), "message": message}
-        elif self._case.get("outcome", "passed") == "passed":  # the first of several errors is the one that matters
+        elif self._case.get("outcome", "passed") == "passed":  # the first of several errors matters
             self._case.update(facts)
 
 
@@ -179,7 +218,7 @@ class _Tee(io.TextIOBase):
         self._stream, self._kept = stream, kept
 
     def write(self, text: str, /) -> int:
-        room = _KEPT_OUTPUT - self._kept.tell()
+        room = MAX_OUTPUT - self._kept.tell()
         if room > 0:
             self._kept.write(text[:room])
         return self._stream.write(text)
@@ -188,16 +227,8 @@ class _Tee(io.TextIOBase):
         self._stream.flush()
 
 
-def _call_and_require_json_object(source: Callable[[], Any]) -> dict[str, Any] | None:
-    """What ``source`` returns if that is a plain JSON object, else None."""
-    with CapturedError():
-        plain = json.loads(json.dumps(source(), allow_nan=False))
-        return cast(dict[str, Any], plain) if isinstance(plain, dict) else None
-    return None
-
-
 def _line_number_of_test(test: unittest.TestCase) -> int | None:
-    """Where the code of a test begins in the test program; None if it is from elsewhere."""
+    """First line of a test's code in the test program; None for code from elsewhere."""
     with CapturedError():
         method: Any = getattr(type(test), getattr(test, "_testMethodName", ""), None)
         code = inspect.unwrap(method).__code__
@@ -209,9 +240,9 @@ def _line_number_of_test(test: unittest.TestCase) -> int | None:
 def run_tests_inside(request: dict[str, Any]) -> dict[str, Any]:
     """Run the tests ``request["items"]`` (ids) of a ``TestRun``; each start and end is a progress event of the item.
 
-    The answer is ``{"load_error": None, "found": [...]}`` with the ids of the tests that were there once all was
-    loaded, or what went wrong before any test could run. ``MemoryError`` or ``TamperedError`` is raised where what
-    still runs in this process cannot be trusted; what ran before was reported.
+    The answer is ``{"load_error": None, "found": [...]}`` with the ids of the loaded tests, or the error that came
+    before any test could run. ``MemoryError`` or ``TamperedError`` is raised if the rest of this process cannot be
+    trusted; earlier tests were reported.
     """
     seed = int(request["seed"])
     seed_everything(seed)
@@ -223,17 +254,31 @@ def run_tests_inside(request: dict[str, Any]) -> dict[str, Any]:
         code = compile(insert_counter_calls(ast.parse(request["tests"], TESTS_FILE)), TESTS_FILE, "exec")
         tests = _execute_as_module(code, request["tests"], "", TESTS_FILE, {COUNTER: counter.increment})
         _require_unchanged_machinery(integrity, "tests")
-        test_ids = _list_loaded_test_ids(tests)
+        kinds = ((name, kind) for name, kind in list(vars(tests).items()) if isinstance(kind, type))
+        test_ids = [
+            f"{name}.{method}"
+            for name, kind in kinds
+            if issubclass(kind, unittest.TestCase) and kind.__name__ == name
+            for method in dir(kind)
+            if method.startswith("test") and callable(getattr(kind, method, None))
+        ][:_MAX_LISTED_TESTS]
     if isinstance(captured.error, MemoryError):
         raise captured.error
+    if isinstance(captured.error, TamperedError):
+        message, culprit = captured.error.args
+        return {"load_error": {"kind": "tampered", "message": message, "traceback": "", "raised_in": culprit}}
     if captured.error is not None:
-        return {"load_error": _describe_load_error(captured.error)}
+        trace, kind = describe_error(captured.error), "exited" if isinstance(captured.error, SystemExit) else "error"
+        error = {"kind": kind, "message": trace.message, "traceback": trace.text, "raised_in": trace.raised_in}
+        return {"load_error": error}
     clear, last_episode = _load_hook_function(request["clear"]), _load_hook_function(request["episode"])
 
     def take_last_episode_json() -> dict[str, Any] | None:
-        episode = _call_and_require_json_object(last_episode)
+        plain: Any = None
+        with CapturedError():
+            plain = json.loads(json.dumps(last_episode(), allow_nan=False))
         clear()
-        return episode
+        return cast(dict[str, Any], plain) if isinstance(plain, dict) else None
 
     def begin() -> None:
         seed_everything(seed)
@@ -251,8 +296,8 @@ def run_tests_inside(request: dict[str, Any]) -> dict[str, Any]:
 def load_program(source: str, alias: str = "", file: str = SIMULATION_FILE) -> ModuleType:
     """Execute ``source`` as the module named after ``file``, also known as ``alias`` unless a module has that name.
 
-    The file is written to the working folder, where programs that read their own source find it. Whatever the program
-    raises is raised.
+    The file is written to the working folder for programs that read their own source. Exceptions of the program are
+    raised.
     """
     return _execute_as_module(_compile_program(source, file), source, alias, file, {})
 
@@ -290,26 +335,6 @@ def _require_unchanged_machinery(integrity: Integrity, loaded: RaisedIn) -> None
         raise TamperedError(broken[0], broken[1] or loaded)
 
 
-def _describe_load_error(error: BaseException) -> dict[str, Any]:
-    if isinstance(error, TamperedError):
-        message, where = error.args
-        return {"kind": "tampered", "message": message, "traceback": "", "raised_in": where}
-    trace, kind = describe_error(error), "exited" if isinstance(error, SystemExit) else "error"
-    return {"kind": kind, "message": trace.message, "traceback": trace.text, "raised_in": trace.raised_in}
-
-
-def _list_loaded_test_ids(tests: ModuleType) -> list[str]:
-    """The ids of the tests that the loaded module has; a class under several names counts once."""
-    kinds = ((name, kind) for name, kind in list(vars(tests).items()) if isinstance(kind, type))
-    return [
-        f"{name}.{method}"
-        for name, kind in kinds
-        if issubclass(kind, unittest.TestCase) and kind.__name__ == name
-        for method in dir(kind)
-        if method.startswith("test") and callable(getattr(kind, method, None))
-    ][:1000]
-
-
 def _run_pending_tests(tests: ModuleType, pending: list[str], session: Session) -> None:
     """Run ``pending`` until each has ended or nothing more can."""
     while pending and session.spoilt is None:
@@ -338,12 +363,12 @@ def _build_test_cases(tests: ModuleType, items: Sequence[str], session: Session)
         owner, _, method = item.partition(".")
         kind = getattr(tests, owner, None)
         if isinstance(kind, type) and issubclass(kind, unittest.TestCase) and callable(getattr(kind, method, None)):
-            own = find_overridden_method(kind)
-            if own is None:
+            overridden = find_overridden_method(kind)
+            if overridden is None:
                 case = kind(method)
                 session.names[id(case)] = item
                 yield case
             else:
-                message = f"{own} takes the place of unittest's own"
+                message = f"{overridden} takes the place of unittest's own"
                 report_unrun_test(item, outcome="tampered", message=message, raised_in="tests")
                 session.ended.add(item)

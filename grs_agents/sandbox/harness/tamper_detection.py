@@ -1,7 +1,7 @@
-"""Whether the machinery that gives the verdicts is still the one that was there before the program was loaded.
+"""Detects changes of the verdict machinery since before the program was loaded.
 
-It finds what is replaced and stays replaced. What is put back before a test ends goes unseen, as does whatever is aimed
-at this module itself: see ``channel`` for why that decides nothing.
+Only lasting replacements are detected. A replacement that is undone before a test ends goes unseen, as does an attack
+on this module itself: ``channel`` explains why that decides nothing.
 """
 
 import builtins
@@ -34,7 +34,7 @@ _PARTS = (FunctionType, classmethod, staticmethod, property, type)
 MACHINERY = {
     name for name, part in vars(unittest.TestCase).items() if isinstance(part, _PARTS) and not name.startswith("__")
 } - _USERS | {"__call__", "__getattribute__"}
-"""What a test class must leave as unittest has it."""
+"""Methods of unittest that a test class must not override."""
 
 
 class Integrity:
@@ -44,19 +44,32 @@ class Integrity:
         names = (*_UNITTEST, *_STANDARD, *_OWN, *(_NUMPY if with_numpy else ()))
         self._modules = {name: importlib.import_module(name) for name in names}
         parts = [part for name, module in self._modules.items() for part in _iterate_module_definitions(name, module)]
-        self._parts = [(part, _code_and_defaults(part.value)) for part in [*parts, *_builtin_definitions()]]
+        parts += [
+            _Definition("builtins", vars(builtins), name, value)
+            for name, value in vars(builtins).items()
+            if callable(value) and name not in _OFTEN_PATCHED and name != "_"
+        ]
+        self._parts = [(part, _code_and_defaults(part.value)) for part in parts]
 
     def find_replaced_definition(self) -> tuple[str, RaisedIn | None] | None:
-        """What is no longer as it was, and which program the replacement comes from; None if all is well."""
+        """The first replaced definition, and the program of the replacement; None if all is intact."""
         for part, content in self._parts:
             value = part.place.get(part.name)
             if value is not part.value or _code_and_defaults(value) != content:
-                return f"{part.where}.{part.name} was replaced", _find_program_that_defines(value)
+                code = getattr(getattr(value, "__func__", value), "__code__", None)
+                names: dict[str, RaisedIn] = {SIMULATION_FILE: "simulation", TESTS_FILE: "tests"}
+                return f"{part.where}.{part.name} was replaced", names.get(getattr(code, "co_filename", ""))
         for name, module in self._modules.items():
             if sys.modules.get(name) is not module:
                 return f"the module {name} was replaced", None
-        ineffective = _find_ineffective_assertion()
-        return None if ineffective is None else (f"unittest's {ineffective} no longer fails", None)
+        case = unittest.TestCase()
+        for name, arguments in _FALSE.items():
+            assertion: Callable[..., object] = getattr(case, name)
+            with CapturedError() as captured, contextlib.suppress(SystemExit):
+                assertion(*arguments)
+            if not isinstance(captured.error, AssertionError):
+                return f"unittest's {name} no longer fails", None
+        return None
 
 
 def find_overridden_method(kind: type[unittest.TestCase]) -> str | None:
@@ -65,21 +78,21 @@ def find_overridden_method(kind: type[unittest.TestCase]) -> str | None:
     for parent in kind.__mro__:
         if parent is unittest.TestCase or parent is async_case:
             return None
-        own = sorted(MACHINERY & set(vars(parent)))
-        if own:
-            return f"{parent.__name__}.{own[0]}"
+        overridden = sorted(MACHINERY & set(vars(parent)))
+        if overridden:
+            return f"{parent.__name__}.{overridden[0]}"
     return None
 
 
 def find_shadowed_method(test: unittest.TestCase, result: unittest.TestResult) -> str | None:
-    """The first method of a test or its result that was replaced on this one object."""
-    own = sorted(MACHINERY & set(vars(test)))
-    own += sorted(name for name in vars(result) if callable(getattr(type(result), name, None)))
-    return own[0] if own else None
+    """The first method of a test or its result that was replaced on this object alone."""
+    shadowed = sorted(MACHINERY & set(vars(test)))
+    shadowed += sorted(name for name in vars(result) if callable(getattr(type(result), name, None)))
+    return shadowed[0] if shadowed else None
 
 
 class _Definition(NamedTuple):
-    """Where a function or class is kept."""
+    """Location of a function or class."""
 
     where: str
     place: Mapping[str, Any]
@@ -88,7 +101,7 @@ class _Definition(NamedTuple):
 
 
 def _iterate_module_definitions(where: str, module: ModuleType) -> Iterator[_Definition]:
-    """The functions and classes of a module, and what its own classes are made of."""
+    """The functions and classes of a module, and the members of its own classes."""
     for name, value in vars(module).items():
         if not isinstance(value, FunctionType | type):
             continue
@@ -96,28 +109,16 @@ def _iterate_module_definitions(where: str, module: ModuleType) -> Iterator[_Def
         if isinstance(value, type) and value.__module__ == where:
             inner = vars(value)
             yield from (
-                _Definition(f"{where}.{name}", inner, own, piece)
-                for own, piece in inner.items()
+                _Definition(f"{where}.{name}", inner, member, piece)
+                for member, piece in inner.items()
                 if isinstance(piece, _PARTS)
             )
 
 
-def _builtin_definitions() -> Iterator[_Definition]:
-    for name, value in vars(builtins).items():
-        if callable(value) and name not in _OFTEN_PATCHED and name != "_":
-            yield _Definition("builtins", vars(builtins), name, value)
-
-
 def _code_and_defaults(part: Any) -> tuple[Any, Any]:
-    """What may be exchanged within a function or class that stays the same object: code, and defaults or bases."""
+    """Mutable content of a function or class that stays the same object: code, and defaults or bases."""
     rest = part.__defaults__ if isinstance(part, FunctionType) else getattr(part, "__bases__", None)
     return getattr(part, "__code__", None), rest
-
-
-def _find_program_that_defines(part: Any) -> RaisedIn | None:
-    code = getattr(getattr(part, "__func__", part), "__code__", None)
-    names: dict[str, RaisedIn] = {SIMULATION_FILE: "simulation", TESTS_FILE: "tests"}
-    return names.get(getattr(code, "co_filename", ""))
 
 
 _FALSE: dict[str, tuple[object, ...]] = {
@@ -139,18 +140,3 @@ _FALSE: dict[str, tuple[object, ...]] = {
     "assertRaises": (ValueError, int),
 }
 """Arguments with which each assertion must fail."""
-
-
-def _find_ineffective_assertion() -> str | None:
-    """The first assertion that lets pass what is false."""
-    case = unittest.TestCase()
-    return next(
-        (name for name, arguments in _FALSE.items() if not _raises_assertion_error(getattr(case, name), arguments)),
-        None,
-    )
-
-
-def _raises_assertion_error(assertion: Callable[..., object], arguments: tuple[object, ...]) -> bool:
-    with CapturedError() as captured, contextlib.suppress(SystemExit):
-        assertion(*arguments)
-    return isinstance(captured.error, AssertionError)

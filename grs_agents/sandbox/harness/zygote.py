@@ -1,9 +1,9 @@
 """The process that has a hardened child for each call; it never runs generated code itself.
 
 Started by the host's ``zygote_process.Zygote``, to which it is connected by a socket. Each order arrives with four
-descriptors: the child's frames, trace and output, and a control socket over which this process tells how the child
+descriptors: the child's frames, trace and output, and a control socket over which this process reports how the child
 ended. When the host closes its end of the control socket, or of the connection, the child is killed. A child is forked
-from a process that has its imports done or, where that cannot be, started ahead and used once.
+from a process that has its imports done or, if forking is impossible, started ahead and used once.
 """
 
 import gc
@@ -25,11 +25,11 @@ from grs_agents.sandbox.protocol import startup, wire
 from grs_agents.sandbox.protocol.report import Limits
 from grs_agents.sandbox.protocol.scratch_folders import delete_folder_contents
 from grs_agents.sandbox.protocol.startup import EXPLAIN, Settings
-from grs_agents.sandbox.protocol.wire import Order
+from grs_agents.sandbox.protocol.wire import CallOrder
 
 
 class Forked:
-    """Children of this process, which imports here and now what all of them need."""
+    """Children of this process, which performs their shared imports now."""
 
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
@@ -40,7 +40,7 @@ class Forked:
         gc.freeze()  # the children share these pages for as long as no collector touches them
         gc.enable()
 
-    def start_child(self, order: Order, descriptors: Sequence[int]) -> int:
+    def start_child(self, order: CallOrder, descriptors: Sequence[int]) -> int:
         """The number of a new process that serves ``order`` over ``descriptors`` (frames, trace and output).
 
         The caller awaits its end and reaps it. ``OSError`` if the system refused the process.
@@ -63,9 +63,9 @@ class _Idle:
 
 
 class Spawned:
-    """Processes that were started ahead, each in the system's sandbox; one waits for each slot.
+    """Processes that were started ahead, each in the system's sandbox, a waiting process for each slot.
 
-    ``ChildProcessError`` if one did not get ready; its standard error says why.
+    ``ChildProcessError`` if a process did not get ready; its standard error says why.
     """
 
     def __init__(self, settings: Settings) -> None:
@@ -76,12 +76,12 @@ class Spawned:
                 self.kill_idle_children()
                 raise ChildProcessError("a worker did not start")
 
-    def start_child(self, order: Order, descriptors: Sequence[int]) -> int:
+    def start_child(self, order: CallOrder, descriptors: Sequence[int]) -> int:
         """As ``Forked.start``."""
         idle, self._idle[order.slot] = self._idle[order.slot], None
         if idle is None or idle.process.poll() is not None:
             idle = self._spawn_idle_child(order.slot)
-        with suppress(OSError):  # where it has just ended, its frames end too, and tell the host
+        with suppress(OSError):  # if it has just ended, its frames end too, and the host sees that
             wire.send_order(idle.channel, order, descriptors)
         idle.channel.close()
         idle.process.returncode = 0  # it is reaped by its number from now on
@@ -114,7 +114,7 @@ class Spawned:
 
 WATCH_SECONDS = 0.05
 _REST = 3
-"""Times as long as a look took until the next one: a quarter of one processor, and few folders more than the limit."""
+"""Pause after a check, as a multiple of its duration: a quarter of a processor, and few folders beyond the limit."""
 
 
 def main() -> None:
@@ -122,7 +122,7 @@ def main() -> None:
     host, settings = startup.read_startup_arguments()
     try:
         children = Spawned(settings) if settings.single_use else Forked(settings)
-    except ChildProcessError:  # it has said why
+    except ChildProcessError:  # its output has the reason
         os._exit(1)
     with suppress(OSError):
         host.send(wire.READY)
@@ -132,14 +132,14 @@ def main() -> None:
 
 @dataclass(eq=False)
 class _Running:
-    """One call."""
+    """A running call."""
 
     pid: int  # the child
     control: socket.socket  # the socket that the host holds the other end of
     scratch: Path  # the child's folder
-    limits: Limits  # what it may hold
-    memory: int  # what it held to begin with, in bytes, where the kernel keeps no limit on it
-    stopped: str = ""  # the limit it broke, as far as this process saw
+    limits: Limits  # its bounds
+    memory: int  # its initial memory in bytes, if the kernel keeps no limit on it
+    stopped: str = ""  # the limit it broke, if this process noticed
 
 
 class _Zygote:
@@ -156,7 +156,7 @@ class _Zygote:
         for channel in (self._wakeup, signals):
             channel.setblocking(False)
         signal.set_wakeup_fd(signals.detach(), warn_on_full_buffer=False)
-        signal.signal(signal.SIGCHLD, lambda number, frame: None)  # only what is handled is written to the socket
+        signal.signal(signal.SIGCHLD, lambda number, frame: None)  # only handled signals are written to the socket
 
     def serve_orders(self) -> None:
         """Start, watch and reap children until the host's end of the connection closes."""
@@ -173,7 +173,7 @@ class _Zygote:
                     delete_folder_contents(running.scratch)
 
     def _wait_and_serve_events(self) -> bool:
-        """Wait until something happens and do what it asks for; False once the host is gone."""
+        """Wait for events and handle them; False after the host is gone."""
         left = max(self._due - time.monotonic(), 0.0) if self._running else None
         for key, _ in self._selector.select(left):
             if key.fileobj is self._host:
@@ -189,7 +189,7 @@ class _Zygote:
         return True
 
     def _accept_order(self) -> bool:
-        """Take one order and start its child; False once the host is gone."""
+        """Accept an order and start its child; False after the host is gone."""
         received = wire.receive_order(self._host, 4)
         if received is None:
             return False
@@ -208,7 +208,7 @@ class _Zygote:
         return True
 
     def _explain_or_kill_child(self, running: _Running) -> None:
-        """The host wants to know where the child is, or wants no more of it, or is gone."""
+        """The host asks for the child's stack, or for its end, or is gone."""
         with suppress(OSError):
             if running.control.recv(64) == EXPLAIN:
                 os.kill(running.pid, signal.SIGXCPU)  # not reaped yet, so the number cannot belong to anybody else
@@ -217,7 +217,7 @@ class _Zygote:
         os.kill(running.pid, signal.SIGKILL)
 
     def _reap_ended_child(self, running: _Running) -> None:
-        """If the child has ended, tell the host how, and empty its scratch folder."""
+        """Report the end of a child that has ended to the host, and empty its scratch folder."""
         pid, status, used = os.wait4(running.pid, os.WNOHANG)
         if pid == 0:
             return
@@ -229,13 +229,13 @@ class _Zygote:
         with suppress(OSError):
             running.control.send(json.dumps(report).encode())
         running.control.close()
-        delete_folder_contents(running.scratch)  # before the next order, since this process does one thing at a time
+        delete_folder_contents(running.scratch)  # before the next order, since this process is sequential
         with os.scandir(running.scratch) as left:
             if any(left):
                 raise OSError(f"{running.scratch} cannot be emptied, so nothing may work in it again")
 
     def _kill_children_over_limits(self) -> None:
-        """When it is time, kill what holds more than it may; look less often where looking takes long."""
+        """Periodically kill children over their limits; check less often if checks take long."""
         begin = time.monotonic()
         if begin < self._due:
             return

@@ -1,1 +1,1 @@
-"""What runs outside the sandbox: it starts workers, hands out work and reads what comes back."""
+"""The outside of the sandbox: it starts workers, hands out work and reads their output."""

@@ -1,6 +1,6 @@
-"""Work through many items in as few calls as their failures allow: a crash costs one item, not the rest."""
+"""Work through many items in as few calls as their failures allow: a crash costs a single item, not the rest."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,14 +11,14 @@ from grs_agents.sandbox.protocol.report import CallResult, Limits
 
 @dataclass(frozen=True)
 class BatchResult:
-    """What became of each item."""
+    """Outcomes of all items."""
 
     ended: dict[str, dict[str, Any]]  # item -> the event that the tool reported at its end
     stopped: dict[str, CallResult]  # item -> the call that ended while the item ran
     repeated: frozenset[str]  # items that started or ended a second time
     strange: tuple[str, ...]  # events for an item that was not asked for
     untimely: frozenset[str]  # items whose end was reported while they were not running
-    # every call, in order; the last one's value is the tool's own result, if it got that far
+    # every call, in order; the value of the last is the tool's own result, if it got that far
     calls: tuple[CallResult, ...]
 
     @property
@@ -38,9 +38,9 @@ def call_tool_for_each_item(
 ) -> BatchResult:
     """Call ``tool`` with ``{**request, "items": [...]}`` until each item has ended or been stopped.
 
-    The tool reports ``{"item": ..., "phase": "start"}`` and ``{"item": ..., "phase": "end", ...}``. When a call
-    ends in the middle of an item, the items after it go to a fresh worker. All calls share one wall limit; after
-    a first timeout the rest gets one more, unless ``hopeless(call)`` says that it would hang alike.
+    The tool reports ``{"item": ..., "phase": "start"}`` and ``{"item": ..., "phase": "end", ...}``. When a call ends in
+    the middle of an item, the items after it go to a fresh worker. All calls share a wall limit; after a first timeout
+    the rest gets a second limit, unless ``hopeless(call)`` says that it would hang alike.
     """
     events, calls = _Events(tuple(items)), list[CallResult]()
     pending: list[str] = list(items)
@@ -66,7 +66,7 @@ def call_tool_for_each_item(
 
 @dataclass
 class _Events:
-    """What the events of all calls so far say."""
+    """Events of all calls so far."""
 
     items: tuple[str, ...]
     ended: dict[str, dict[str, Any]] = field(default_factory=dict[str, dict[str, Any]])
@@ -78,8 +78,11 @@ class _Events:
     def sort_events_of_call(self, call: CallResult) -> str | None:
         """Sort the events of ``call``; the item that was running at its end."""
         running: str | None = None
-        for item, phase, event in self._iterate_requested_events(call.events):
-            if item in self.ended or item in self.stopped or (phase == "start" and item == running):
+        for event in call.events:
+            item, phase = event.get("item"), event.get("phase")
+            if not (isinstance(item, str) and item in self.items and phase in ("start", "end")):
+                self.strange.append(str(item)[:200])
+            elif item in self.ended or item in self.stopped or (phase == "start" and item == running):
                 self.repeated.add(item)
             elif phase == "start" and running is None:
                 running = item
@@ -91,12 +94,3 @@ class _Events:
         if running is not None:
             self.stopped[running] = call
         return running
-
-    def _iterate_requested_events(self, events: Iterable[dict[str, Any]]) -> Iterator[tuple[str, str, dict[str, Any]]]:
-        """Item and phase of each event that is about an item that was asked for."""
-        for event in events:
-            item, phase = event.get("item"), event.get("phase")
-            if isinstance(item, str) and item in self.items and phase in ("start", "end"):
-                yield item, str(phase), event
-            else:
-                self.strange.append(str(item)[:200])

@@ -12,7 +12,7 @@ from typing import Any
 from grs_agents.base import content
 from grs_agents.sandbox.host import isolation_probe
 from grs_agents.sandbox.host.streams import run_call_in_child
-from grs_agents.sandbox.host.zygote_process import DOCTOR, Plan, SandboxError, Zygote
+from grs_agents.sandbox.host.zygote_process import DOCTOR, SandboxError, Zygote, ZygoteSpec
 from grs_agents.sandbox.isolation import allowlist
 from grs_agents.sandbox.isolation.backends import (
     BACKEND_REMEDIES,
@@ -28,13 +28,13 @@ from grs_agents.sandbox.protocol.scratch_folders import remove_orphaned_folders
 
 
 class Sandbox:
-    """Runs each call in a hardened process forked from one that has its imports done.
+    """Runs each call in a hardened process forked from a process that has its imports done.
 
     The modules of ``preload`` and the tool files ``tools`` are imported before the first call, and the functions of
     ``preload`` (``module:function``) called. The backend ``auto`` is the strongest that holds against the probe's
-    attacks; ``none`` is no separation at all. At most ``workers`` calls run at once; more wait for their turn. A call
-    may cost ``limits`` unless it says otherwise; these fix the size of scratch folders too. Workers may read
-    ``readable``, beside what they need to run, and write into the folders ``writable``, whose size nothing bounds.
+    attacks; ``none`` is no separation at all. At most ``workers`` calls run at once; more wait for their turn.
+    ``limits`` is the default of each call, and fixes the size of scratch folders too. Workers may read ``readable``,
+    beside their own libraries, and write into the folders ``writable``, whose size nothing bounds.
 
     Safe to share between threads. Use it as a context manager, or ``close`` it.
     """
@@ -50,7 +50,7 @@ class Sandbox:
         readable: Sequence[Path] = (),
         writable: Sequence[Path] = (),
     ) -> None:
-        self._plan = Plan(
+        self._spec = ZygoteSpec(
             tuple(preload),
             tuple(tools),
             limits or Limits(),
@@ -71,17 +71,17 @@ class Sandbox:
 
     @property
     def backend(self) -> str:
-        """What separates workers from this process, as results record it."""
+        """The separation of workers from this process, as results record it."""
         return LAYERS[self._proven] if self._proven else self._choice
 
     @property
     def is_proven(self) -> bool:
-        """Whether a backend has held against the probe's attacks; no weaker one follows it."""
+        """True if a backend has held against the probe's attacks; no weaker backend follows it."""
         return self._proven is not None
 
     def warm_up(self) -> None:
         """Begin the imports now, so that the first call finds them done."""
-        with self._lock, suppress(SandboxError):  # what is missing matters to a call, and not every run makes one
+        with self._lock, suppress(SandboxError):  # a missing backend matters to a call, and not every run makes a call
             if self._zygote is None:
                 self._zygote = self._launch_zygote()
 
@@ -90,7 +90,7 @@ class Sandbox:
     ) -> CallResult:
         """Run ``inside(request)`` of the tool file ``tool`` in a worker.
 
-        The call may read ``readable`` (files and folders), and so may later ones.
+        This call and later calls may read ``readable`` (files and folders).
 
         Raises:
             UnknownNameError: no such tool.
@@ -112,7 +112,7 @@ class Sandbox:
         overlays = allowlist.content_overlays()
         frame = {**target, "request": request, "overlays": [str(root) for root in overlays]}
         wire.encode(frame)
-        limits = limits or self._plan.limits
+        limits = limits or self._spec.limits
         slot = self._slots.get()
         try:
             for retried in (False, True):
@@ -127,7 +127,7 @@ class Sandbox:
         return CallResult(outcome="crashed", error=error, backend=self.backend, retried=True)
 
     def close(self) -> None:
-        """End every process and delete every file. A later call starts anew."""
+        """End every process and delete every file. A later call restarts them."""
         with self._lock:
             self._discard_zygote()
 
@@ -139,7 +139,7 @@ class Sandbox:
 
     @contextmanager
     def _borrow_zygote(self, slot: int, readable: Sequence[Path]) -> Generator[Zygote]:
-        """A zygote whose children may read ``readable``; one that was lost or is no longer wanted ends afterwards."""
+        """A zygote whose children may read ``readable``; a lost or replaced zygote ends afterwards."""
         with self._lock:
             zygote = self._get_usable_zygote(slot, readable)
             zygote.calls += 1
@@ -154,13 +154,13 @@ class Sandbox:
                     zygote.close()
 
     def _get_usable_zygote(self, slot: int, readable: Sequence[Path]) -> Zygote:
-        """The running zygote if it serves, else a new one."""
+        """The running zygote if it is usable, else a new zygote."""
         wanted = allowlist.outermost_paths(readable)
         if self._zygote is not None and not all(
             allowlist.is_path_covered(path, self._zygote.readable) for path in wanted
         ):
             self._discard_zygote()
-        self._plan = replace(self._plan, readable=(*self._plan.readable, *wanted))
+        self._spec = replace(self._spec, readable=(*self._spec.readable, *wanted))
         while True:
             zygote = self._zygote = self._zygote or self._launch_zygote()
             try:
@@ -181,24 +181,24 @@ class Sandbox:
                 why, remedies = zip(*reasons, strict=True)
                 self._exclude_backend(backend, SandboxError("; ".join(why), ", and ".join(dict.fromkeys(remedies))))
                 continue
-            zygote = Zygote(backend, self._plan)
+            zygote = Zygote(backend, self._spec)
             weakref.finalize(self, zygote.close)
             return zygote
         raise self._build_no_backend_error()
 
     def _exclude_backend(self, backend: Backend, error: SandboxError) -> None:
-        """Do not try ``backend`` again; if it once held, raise ``error``, since no weaker one may follow it."""
+        """Do not try ``backend`` again; if it once held, raise ``error``, since no weaker backend may follow it."""
         if self._proven is not None:
             raise error
         self._failures[backend] = error
         self._candidates.remove(backend)
 
     def _build_no_backend_error(self) -> SandboxError:
-        """Why each candidate is out, and how to get what is missing."""
+        """The error with the reason against each candidate, and the remedies."""
         reasons = "; ".join(f"{backend}: {error.message}" for backend, error in self._failures.items())
         failures = self._failures.items()
         remedies = [BACKEND_REMEDIES.get(name, "") if e.remedy == DOCTOR else e.remedy for name, e in failures]
-        self._candidates = list(backend_candidates(self._choice))  # what is missing may be installed meanwhile
+        self._candidates = list(backend_candidates(self._choice))  # missing programs may be installed meanwhile
         remedy = ", or ".join([*filter(None, dict.fromkeys(remedies)), "accept the risk with --unsafe-no-sandbox"])
         if self._choice != "auto":  # another backend may well hold
             return SandboxError(f"no sandbox by {reasons}", remedy)

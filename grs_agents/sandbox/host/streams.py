@@ -1,4 +1,4 @@
-"""The host's end of one call: send the request, read all that the worker writes up to a bound, leave nothing of it."""
+"""The host's end of a call: send the request, read the worker's output up to a bound, leave nothing of it."""
 
 import json
 import os
@@ -17,18 +17,18 @@ from grs_agents.sandbox.isolation.resource_usage import ENTRY_BYTES
 from grs_agents.sandbox.protocol import wire
 from grs_agents.sandbox.protocol.report import CallOutcome, CallResult, Limits
 from grs_agents.sandbox.protocol.startup import EXPLAIN
+from grs_agents.sandbox.protocol.tracebacks import MAX_MESSAGE, MAX_TRACEBACK
 
 _KEPT_OUTPUT = 64 << 10
-_KEPT_ERROR = 8000
 EXPLAIN_SECONDS = 1.0
 
 Ending = tuple[CallOutcome, dict[str, Any] | None, str]
-"""Outcome, value and error of a call, as far as the pipes tell."""
+"""Outcome, value and error of a call, according to the pipes."""
 
 
 @dataclass(frozen=True)
 class Exit:
-    """How a child ended, as the zygote tells."""
+    """The end of a child, as the zygote reports it."""
 
     status: int  # its wait status
     cpu_seconds: float  # the processor time of its call, without that of its imports
@@ -36,8 +36,8 @@ class Exit:
 
 
 class Streams:
-    """What comes from a worker; everything given is closed with it.
-    ``faulthandler`` writes to ``trace``; the zygote tells on ``control`` how the worker ended."""
+    """Output of a worker; close it to close all given descriptors. ``faulthandler`` writes to ``trace``; the zygote
+    reports the end of the worker on ``control``."""
 
     def __init__(self, frames: socket.socket, trace: int, output: int, control: socket.socket) -> None:
         self.events: list[dict[str, Any]] = []
@@ -66,7 +66,7 @@ class Streams:
             return early
         while (left := deadline - time.monotonic()) > 0:
             ready = {cast(str, key.data) for key, _ in self._selector.select(left)}
-            for name in ("output", "trace", "frames", "control"):  # the answer last: what was printed is kept
+            for name in ("output", "trace", "frames", "control"):  # the answer last: earlier output is kept
                 if name not in ready:
                     continue
                 ending = self._read_and_interpret_stream(name, until_ready)
@@ -86,7 +86,7 @@ class Streams:
         return self._interpret_new_frames(until_ready, data)
 
     def _interpret_new_frames(self, until_ready: bool, data: bytes = b"") -> Ending | None:
-        """Interpret the frames that have come, up to one that ends the listening; those after it wait."""
+        """Interpret the available frames, up to a frame that ends the listening; later frames wait."""
         try:
             for frame in self._reader.iterate_frames(data):
                 ending = self._interpret_frame(frame, until_ready)
@@ -103,7 +103,9 @@ class Streams:
         kind, value = frame.get("kind"), frame.get("value", frame.get("event"))
         if until_ready:
             self._cpu_before = float(frame.get("cpu_seconds", 0.0))
-            return ("ok", None, "") if kind == "ready" else ("error", None, str(frame.get("error", frame))[:1000])
+            return (
+                ("ok", None, "") if kind == "ready" else ("error", None, str(frame.get("error", frame))[:MAX_MESSAGE])
+            )
         if kind == "event" and isinstance(value, dict):
             self.events.append(cast(dict[str, Any], value))
             self._read_and_interpret_stream("output", False)
@@ -112,7 +114,7 @@ class Streams:
         if kind == "result" and isinstance(value, dict):
             return "ok", cast(dict[str, Any], value), ""
         if kind == "error" and frame.get("outcome") in ("error", "memory_limit"):
-            return cast(CallOutcome, frame["outcome"]), None, str(frame.get("error", ""))[-_KEPT_ERROR:]
+            return cast(CallOutcome, frame["outcome"]), None, str(frame.get("error", ""))[-MAX_TRACEBACK:]
         return "error", None, f"the worker sent an unknown frame: {str(frame)[:200]}"
 
     def _receive_exit_report(self) -> None:
@@ -142,8 +144,8 @@ class Streams:
         return self._names[name] in self._selector.get_map()
 
     def end_worker(self, seconds: float, explained: bool = False) -> Exit | None:
-        """Have the worker killed, if it still runs; how it ended, or None if the zygote does not tell in time.
-        ``explained`` lets the worker write its stack first; one that blocks signals is given a second."""
+        """Kill the worker, if it still runs. Returns: its end, or None if the zygote does not report in time.
+        ``explained`` lets the worker write its stack first; a worker that blocks signals is given a second."""
         if explained and self.exit is None and self._is_pipe_open("control"):
             with suppress(OSError):
                 self._control.send(EXPLAIN)
@@ -158,7 +160,7 @@ class Streams:
         return self.exit
 
     def captured_text(self, name: str) -> str:
-        """What was written to ``output`` or ``trace``."""
+        """Text written to ``output`` or ``trace``."""
         return self._kept[name].decode("utf-8", "replace")
 
     def close(self) -> None:
@@ -170,7 +172,7 @@ class Streams:
 
 
 def run_call_in_child(zygote: Zygote, slot: int, frame: dict[str, Any], limits: Limits) -> CallResult | None:
-    """Run one call in a child of ``zygote``; None if the zygote ended before the call did.
+    """Run a call in a child of ``zygote``; None if the zygote ended before the call did.
     ``SandboxError`` if the child could not be made ready: no generated code has run."""
     frames, frames_end = socket.socketpair()
     trace, trace_end = os.pipe()
@@ -196,7 +198,30 @@ def run_call_in_child(zygote: Zygote, slot: int, frame: dict[str, Any], limits: 
         if ended is None:
             zygote.kill()
             return None
-        return _build_call_result(ending, ended, streams, limits, seconds, LAYERS[zygote.backend])
+        outcome, value, error = ending or (None, None, "")
+        if ended.stopped:  # even if a result came first: their order is a race
+            outcome, value, error = ended.stopped, None, ""
+        elif outcome is None:
+            outcome, value, error = _explain_exit(ended, limits)
+        message = error or (
+            ""
+            if outcome == "ok"
+            else (
+                {
+                    "timeout": f"no result within the wall limit of {limits.wall_seconds:g} s",
+                    "cpu_limit": f"the CPU limit of {limits.cpu_seconds:g} s was reached",
+                    "memory_limit": f"the memory limit of {limits.memory_mib} MiB was reached",
+                    "output_limit": f"more than {limits.output_mib} MiB of output",
+                    "scratch_limit": f"the scratch folder held more than {limits.scratch_mib} MiB "
+                    f"(each entry counts {ENTRY_BYTES >> 10} KiB)",
+                    "thread_limit": f"more than {limits.threads} threads",
+                }.get(outcome, "the tool failed")
+            )
+        )
+        answer = {"outcome": outcome, "value": value, "error": message, "events": tuple(streams.events)}
+        written = {"output": streams.captured_text("output"), "stack": streams.captured_text("trace")}
+        spent = {"seconds": seconds, "cpu_seconds": ended.cpu_seconds, "backend": LAYERS[zygote.backend]}
+        return CallResult.model_validate({**answer, **written, **spent})
     finally:
         streams.close()
 
@@ -222,23 +247,8 @@ def _await_worker_ready(streams: Streams) -> bool:
     raise SandboxError(f"the worker could not be made ready: {why}", DOCTOR)
 
 
-def _build_call_result(
-    ending: Ending | None, ended: Exit, streams: Streams, limits: Limits, seconds: float, backend: str
-) -> CallResult:
-    outcome, value, error = ending or (None, None, "")
-    if ended.stopped:  # also where a result came first: whether one does is a matter of who is quicker
-        outcome, value, error = ended.stopped, None, ""
-    elif outcome is None:
-        outcome, value, error = _explain_exit(ended, limits)
-    said = error or ("" if outcome == "ok" else _describe_broken_limit(outcome, limits))
-    answer = {"outcome": outcome, "value": value, "error": said, "events": tuple(streams.events)}
-    written = {"output": streams.captured_text("output"), "stack": streams.captured_text("trace")}
-    spent = {"seconds": seconds, "cpu_seconds": ended.cpu_seconds, "backend": backend}
-    return CallResult.model_validate({**answer, **written, **spent})
-
-
 def _explain_exit(ended: Exit, limits: Limits) -> Ending:
-    """Why a worker ended without an answer."""
+    """Outcome of a worker that ended without an answer, from its wait status."""
     code = os.waitstatus_to_exitcode(ended.status)
     if code == -signal.SIGXCPU or (code == -signal.SIGKILL and ended.cpu_seconds >= limits.cpu_seconds):
         return "cpu_limit", None, ""
@@ -246,15 +256,3 @@ def _explain_exit(ended: Exit, limits: Limits) -> Ending:
         name = next((known.name for known in signal.Signals if known == -code), f"signal {-code}")
         return "crashed", None, f"the process was killed by {name}"
     return "crashed", None, f"the process ended itself with exit status {code}"
-
-
-def _describe_broken_limit(outcome: str, limits: Limits) -> str:
-    return {
-        "timeout": f"no result within the wall limit of {limits.wall_seconds:g} s",
-        "cpu_limit": f"the CPU limit of {limits.cpu_seconds:g} s was reached",
-        "memory_limit": f"the memory limit of {limits.memory_mib} MiB was reached",
-        "output_limit": f"more than {limits.output_mib} MiB of output",
-        "scratch_limit": f"the scratch folder held more than {limits.scratch_mib} MiB "
-        f"(each entry counts {ENTRY_BYTES >> 10} KiB)",
-        "thread_limit": f"more than {limits.threads} threads",
-    }.get(outcome, "the tool failed")

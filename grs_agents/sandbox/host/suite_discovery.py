@@ -1,4 +1,4 @@
-"""Which tests a source contains, read from its syntax tree on the host: the program cannot take any away."""
+"""Test discovery by the syntax tree of a source, on the host: the program cannot remove tests from it."""
 
 import ast
 from collections import Counter
@@ -16,15 +16,15 @@ MAX_SOURCE = 1 << 20
 
 @dataclass(frozen=True)
 class ExpectedTests:
-    """The tests of one file."""
+    """The tests of a file."""
 
     ids: tuple[str, ...]  # `Class.method` in the order of the file
-    without_assertion: frozenset[str]  # those whose body, helpers of the same file included, asserts nothing
-    # those that a class has twice, or whose class is there twice: the first of them never runs
+    without_assertion: frozenset[str]  # tests without assertions, helpers of the same file included
+    # tests that a class has twice, or whose class is defined twice: the first definition never runs
     duplicates: frozenset[str] = frozenset()
-    # where the code of each begins, but for those that a decorator may have put something in front of
+    # first line of each test, except under decorators that may replace it
     lines: Mapping[str, int] = field(default_factory=dict[str, int])
-    chooses: bool = False  # whether the file has a `load_tests` of its own, which says what there is to run
+    chooses: bool = False  # the file has a `load_tests` of its own, which chooses the tests
 
 
 def parse_program(source: str, filename: str) -> ast.Module:
@@ -47,7 +47,12 @@ def discover_tests(tree: ast.Module) -> ExpectedTests:
     duplicates: set[str] = set()
     lines: dict[str, int] = {}
     for name, node in classes.items():
-        lineage = _list_class_and_ancestors(node, classes)
+        lineage = [node]  # the class and its ancestors within the file, nearest first
+        for child in lineage:
+            for base in child.bases:
+                parent = classes.get(base.id) if isinstance(base, ast.Name) else None
+                if parent is not None and parent not in lineage:
+                    lineage.append(parent)
         repeated_methods = set[str]().union(*(_find_repeated_names(parent.body, _Function) for parent in lineage))
         decorated = any(parent.decorator_list for parent in lineage)
         for method in _test_methods(lineage, classes):
@@ -57,13 +62,28 @@ def discover_tests(tree: ast.Module) -> ExpectedTests:
                 duplicates.add(item)
             if not decorated and not method.decorator_list:
                 lines[item] = method.lineno
-    silent = _tests_without_assertion(tree, methods)
-    return ExpectedTests(tuple(methods), silent, frozenset(duplicates), lines, _defines_load_tests(tree))
+    functions = [node for node in ast.walk(tree) if isinstance(node, _Function)]
+    asserting: set[str] = set()
+    while more := {node.name for node in functions if node.name not in asserting and _has_assertion(node, asserting)}:
+        asserting |= more
+    silent = frozenset(item for item, method in methods.items() if not _has_assertion(method, asserting))
+    chooses = any(
+        (isinstance(node, _Function) and node.name == "load_tests")
+        or (isinstance(node, ast.Name) and node.id == "load_tests" and isinstance(node.ctx, ast.Store))
+        or (isinstance(node, ast.alias) and (node.asname or node.name) == "load_tests")
+        for statement in tree.body
+        if not isinstance(statement, ast.ClassDef)
+        for node in ([statement] if isinstance(statement, _Function) else ast.walk(statement))
+    )
+    return ExpectedTests(tuple(methods), silent, frozenset(duplicates), lines, chooses)
 
 
 def _test_methods(lineage: Sequence[ast.ClassDef], classes: Mapping[str, ast.ClassDef]) -> list[_Function]:
-    """The tests of a class with these ancestors, inherited ones included; none if it is no test case."""
-    if not any(_is_test_case_base(base, classes) for parent in lineage for base in parent.bases):
+    """The tests of a class with these ancestors, inherited tests included; none if it is no test case."""
+    bases = [base for parent in lineage for base in parent.bases]
+    names = [base.attr for base in bases if isinstance(base, ast.Attribute)]
+    names += [base.id for base in bases if isinstance(base, ast.Name) and base.id not in classes]
+    if not any(name.endswith("TestCase") for name in names):
         return []
     functions = (node for parent in reversed(lineage) for node in _flatten_statements(parent.body))
     methods = {node.name: node for node in functions if isinstance(node, _Function)}
@@ -76,50 +96,12 @@ def _find_repeated_names(body: Sequence[ast.stmt], kind: type[ast.ClassDef] | Un
     return {name for name, count in names.items() if count > 1}
 
 
-def _defines_load_tests(tree: ast.Module) -> bool:
-    """Whether a module has something called ``load_tests``."""
-    return any(
-        (isinstance(node, _Function) and node.name == "load_tests")
-        or (isinstance(node, ast.Name) and node.id == "load_tests" and isinstance(node.ctx, ast.Store))
-        or (isinstance(node, ast.alias) and (node.asname or node.name) == "load_tests")
-        for statement in tree.body
-        if not isinstance(statement, ast.ClassDef)
-        for node in ([statement] if isinstance(statement, _Function) else ast.walk(statement))
-    )
-
-
 def _flatten_statements(body: Sequence[ast.stmt]) -> Iterator[ast.stmt]:
     """The statements of a body, those under ``if``, ``try`` and ``with`` included."""
     for node in body:
         yield node
         if isinstance(node, ast.If | ast.Try | ast.With):
             yield from _flatten_statements(node.body)
-
-
-def _list_class_and_ancestors(node: ast.ClassDef, classes: Mapping[str, ast.ClassDef]) -> list[ast.ClassDef]:
-    """``node`` and its ancestors within the file, nearest first."""
-    lineage = [node]
-    for child in lineage:
-        for base in child.bases:
-            parent = classes.get(base.id) if isinstance(base, ast.Name) else None
-            if parent is not None and parent not in lineage:
-                lineage.append(parent)
-    return lineage
-
-
-def _is_test_case_base(base: ast.expr, classes: Mapping[str, ast.ClassDef]) -> bool:
-    if isinstance(base, ast.Attribute):
-        return base.attr.endswith("TestCase")
-    return isinstance(base, ast.Name) and base.id not in classes and base.id.endswith("TestCase")
-
-
-def _tests_without_assertion(tree: ast.Module, methods: Mapping[str, _Function]) -> frozenset[str]:
-    """The ids of the methods that assert nothing, directly or through functions of the file."""
-    functions = [node for node in ast.walk(tree) if isinstance(node, _Function)]
-    asserting: set[str] = set()
-    while more := {node.name for node in functions if node.name not in asserting and _has_assertion(node, asserting)}:
-        asserting |= more
-    return frozenset(item for item, method in methods.items() if not _has_assertion(method, asserting))
 
 
 def _has_assertion(function: _Function, asserting: set[str]) -> bool:

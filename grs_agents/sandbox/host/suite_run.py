@@ -1,4 +1,4 @@
-"""The host's side of a test run: which tests there must be, what became of each, and the verdict."""
+"""The host's side of a test run: the expected tests, their outcomes, and the verdict."""
 
 import json
 import re
@@ -22,6 +22,9 @@ from grs_agents.sandbox.protocol.report import (
     TestReport,
 )
 from grs_agents.sandbox.protocol.tracebacks import (
+    MAX_MESSAGE,
+    MAX_OUTPUT,
+    MAX_TRACEBACK,
     SIMULATION_FILE,
     TESTS_FILE,
     RaisedIn,
@@ -42,18 +45,18 @@ _WORST: tuple[tuple[frozenset[CaseOutcome], ReportOutcome], ...] = (
     (frozenset({"crashed", "memory", "output_limit", "scratch_limit", "thread_limit"}), "crashed"),
     (frozenset({"exited"}), "exited"),
 )
-"""What a report is called after, first come first served; other failures make it ``failed``."""
+"""Outcome of a report by the worst outcome of its cases, in this order; other failures make it ``failed``."""
 _SOURCE_PATTERNS: dict[CaseOutcome, re.Pattern[str]] = {
     "exited": re.compile(r"\b(_exit|exit|quit|abort)\s*\("),
     "forged": re.compile(r"\b(channel|wire|report_progress|write)\b"),
 }
-_BOUNDS = {"message": 1000, "traceback": 8000, "output": 4000}
+_BOUNDS = {"message": MAX_MESSAGE, "traceback": MAX_TRACEBACK, "output": MAX_OUTPUT}
 _MAX_EPISODE = 256 << 10
-"""Characters of an episode as JSON: ten times what one with 200 objects takes."""
+"""Characters of an episode as JSON: ten times those of an episode with 200 objects."""
 
 
 class TestRun(Frozen):
-    """Two programs and how to run the one against the other."""
+    """A program, its tests, and how to run them."""
 
     __test__ = False
 
@@ -95,10 +98,6 @@ def run_tests(
         return trace is None or bool({"setUp", "setUpClass", "reset"} & set(trace.functions))
 
     batch = call_tool_for_each_item(sandbox, tool, programs.model_dump(), expected.ids, limits, hopeless, readable)
-    return _assemble_report(expected, batch, sources)
-
-
-def _assemble_report(expected: ExpectedTests, batch: BatchResult, sources: dict[str, str]) -> TestReport:
     built = (_build_test_case(item, expected, batch, sources) for item in expected.ids)
     cases = (*built, *_build_unexpected_cases(expected, batch))
     report = _report_load_failure(batch, sources) or _make_report_from_cases(cases, batch)
@@ -123,7 +122,7 @@ def _make_report_from_cases(cases: tuple[TestCase, ...], batch: BatchResult) -> 
 
 
 def _to_report_outcome(call: CallResult) -> ReportOutcome:
-    """What a call that ended outside of any test makes of the report."""
+    """Outcome of a report for a call that ended outside of any test."""
     return _select_worst_outcome({_to_case_outcome(call)}, "crashed")
 
 
@@ -150,8 +149,8 @@ def _report_load_failure(batch: BatchResult, sources: dict[str, str]) -> TestRep
             }:
                 return TestReport(
                     outcome="tampered" if kind == "tampered" else "exited" if kind == "exited" else "error",
-                    message=what["message"][:1000],
-                    traceback=what["traceback"][:8000],
+                    message=what["message"][:MAX_MESSAGE],
+                    traceback=what["traceback"][:MAX_TRACEBACK],
                     raised_in="tests" if where == "tests" else "simulation",
                 )
             case _:
@@ -162,7 +161,7 @@ def _report_load_failure(batch: BatchResult, sources: dict[str, str]) -> TestRep
     return TestReport(
         outcome=_to_report_outcome(call),
         message=f"before any test: {_last_line(call.error)}",
-        traceback=at.text if at else shorten_paths(call.error)[-8000:],
+        traceback=at.text if at else shorten_paths(call.error)[-MAX_TRACEBACK:],
         raised_in=at.raised_in if at else _guess_culprit_program(call, sources),
     )
 
@@ -177,30 +176,25 @@ def _build_test_case(item: str, expected: ExpectedTests, batch: BatchResult, sou
             seconds=call.seconds,
             message=_last_line(call.error),
             traceback=trace.text if trace else "",
-            output=shorten_paths(call.output)[-4000:],
+            output=shorten_paths(call.output)[-MAX_OUTPUT:],
             raised_in=trace.raised_in if trace else _guess_culprit_program(call, sources),
         )
     if item in batch.untimely:
         message = "a result was reported for it while it was not running"
         return TestCase(id=item, outcome="forged", message=message, raised_in="tests")
     if item in batch.ended:
-        return _build_ended_test_case(item, expected, batch)
+        event = batch.ended[item]
+        case = _parse_reported_case(item, event)
+        if case is None:
+            return TestCase(id=item, outcome="forged", message="its result was malformed", raised_in="tests")
+        objection = _find_source_mismatch(case, event.get("line"), expected, repeated=item in batch.repeated)
+        if objection is not None and case.outcome != "tampered":  # the source decides, not the reported outcome
+            case = case.model_copy(update={"outcome": objection[0], "message": objection[1], "raised_in": "tests"})
+        return case
     if batch.last_call.outcome == "ok":
         message = "it is in the source but was not there, or did not run, when its module was loaded"
         return TestCase(id=item, outcome="missing", message=message, raised_in="tests")
     return TestCase(id=item, outcome="not_run", message=f"not run: {_last_line(batch.last_call.error)}")
-
-
-def _build_ended_test_case(item: str, expected: ExpectedTests, batch: BatchResult) -> TestCase:
-    """The case of a test whose end was reported; what contradicts the source takes the place of its outcome."""
-    event = batch.ended[item]
-    case = _parse_reported_case(item, event)
-    if case is None:
-        return TestCase(id=item, outcome="forged", message="its result was malformed", raised_in="tests")
-    objection = _find_source_mismatch(case, event.get("line"), expected, repeated=item in batch.repeated)
-    if objection is None or case.outcome == "tampered":
-        return case
-    return case.model_copy(update={"outcome": objection[0], "message": objection[1], "raised_in": "tests"})
 
 
 def _parse_reported_case(item: str, event: dict[str, Any]) -> TestCase | None:
@@ -223,7 +217,7 @@ def _find_source_mismatch(
     if case.id in expected.duplicates:
         return "duplicate", "the source has two tests of this name"
     wrong = case.id in expected.lines and line != expected.lines[case.id]
-    if wrong and (line is not None or case.outcome == "passed"):  # what a fixture ended has no line
+    if wrong and (line is not None or case.outcome == "passed"):  # a test that a fixture ended has no line
         return "replaced", f"the code that ran is not that of line {expected.lines[case.id]}"
     if case.outcome == "passed" and case.id in expected.without_assertion:
         return "no_assertion", "it asserts nothing"
@@ -233,26 +227,22 @@ def _find_source_mismatch(
 
 
 def _build_unexpected_cases(expected: ExpectedTests, batch: BatchResult) -> tuple[TestCase, ...]:
-    """Tests that turned up though the source does not have them, and results that nobody asked for."""
+    """Cases of tests that are not in the source, and of results that were never requested."""
     added = "it is no method in the source, so it did not run"
     made_up = "a result was reported for a test there is not"
-    present = [item for item in _tests_found_by_worker(batch.last_call) if item not in expected.ids]
+    match batch.last_call.value:
+        case {"found": [*items]}:
+            ids = [item for item in cast(list[object], items) if isinstance(item, str)]
+        case _:
+            ids = list[str]()
+    present = [item for item in ids if item not in expected.ids]
     cases = [TestCase(id=item[:200], outcome="extra", message=added, raised_in="tests") for item in present]
     cases += [TestCase(id=item, outcome="forged", message=made_up, raised_in="tests") for item in batch.strange]
     return tuple(cases[:100])
 
 
-def _tests_found_by_worker(call: CallResult) -> list[str]:
-    """The tests that the worker says there are."""
-    match call.value:
-        case {"found": [*items]}:
-            return [item for item in cast(list[object], items) if isinstance(item, str)]
-        case _:
-            return []
-
-
 def _guess_culprit_program(call: CallResult, sources: dict[str, str]) -> RaisedIn | None:
-    """Which program ended the process or wrote to the pipe, as far as their sources tell: that leaves no traceback."""
+    """The program that ended the process or wrote to the pipe, by a search of the sources: that leaves no traceback."""
     pattern = _SOURCE_PATTERNS.get(_to_case_outcome(call))
     if pattern is None:
         return None
@@ -262,4 +252,4 @@ def _guess_culprit_program(call: CallResult, sources: dict[str, str]) -> RaisedI
 
 
 def _last_line(text: str) -> str:
-    return shorten_paths((text.strip().splitlines() or [""])[-1])[:1000]
+    return shorten_paths((text.strip().splitlines() or [""])[-1])[:MAX_MESSAGE]

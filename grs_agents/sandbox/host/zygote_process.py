@@ -21,7 +21,7 @@ from grs_agents.sandbox.protocol.startup import ENVIRONMENT, Settings
 START_SECONDS = 60.0
 END_SECONDS = 15.0
 DOCTOR = "see `grs doctor`"
-"""The remedy where only a look at the whole machine can tell more."""
+"""Remedy for faults that only a check of the whole machine explains."""
 
 
 class SandboxError(GrsError):
@@ -29,31 +29,31 @@ class SandboxError(GrsError):
 
 
 @dataclass(frozen=True)
-class Plan:
-    """What a zygote is for."""
+class ZygoteSpec:
+    """Requirements of a zygote."""
 
-    # preload, tools: what it imports before the first call
+    # preload, tools: imported before the first call
     preload: tuple[str, ...]
     tools: tuple[str, ...]
-    limits: Limits  # what a call may hold; scratch folders have this size
-    slots: int  # how many calls may run at once
+    limits: Limits  # of a call; scratch folders have this size
+    slots: int  # calls that may run at once
     readable: tuple[Path, ...]  # files and folders that workers may read beside those they need to run
     writable: tuple[Path, ...] = ()  # folders that they may write to beside their scratch folders
 
 
 class Zygote:
     """A process that has a child, forked or started ahead, for each call; ``SandboxError`` if it cannot be started.
-    It counts the calls it is serving; ``lost`` says that it ended in the middle of one."""
+    ``calls`` counts running calls; ``lost`` is set if it ended during a call."""
 
-    def __init__(self, backend: Backend, plan: Plan) -> None:
+    def __init__(self, backend: Backend, spec: ZygoteSpec) -> None:
         self.backend: Backend = backend
         self.calls, self.lost = 0, False
-        self.readable = allowlist.outermost_paths((*allowlist.runtime_paths(), *plan.readable))
+        self.readable = allowlist.outermost_paths((*allowlist.runtime_paths(), *spec.readable))
         self._ready = False
         self._scratch = Scratch()
         self._host, theirs = socket.socketpair()
         try:
-            self._process = self._start_process(plan, theirs.fileno())
+            self._process = self._start_process(spec, theirs.fileno())
         except OSError as error:
             self._host.close()
             self._scratch.remove()
@@ -65,13 +65,36 @@ class Zygote:
     def _log_path(self) -> Path:
         return self._scratch.path / "log"
 
-    def _start_process(self, plan: Plan, channel: int) -> "subprocess.Popen[bytes]":
-        settings = self._build_settings(plan)
+    def _start_process(self, spec: ZygoteSpec, channel: int) -> "subprocess.Popen[bytes]":
+        sized = self.backend == "bubblewrap"
+        folders = [self._scratch.path / str(slot) for slot in range(spec.slots)]
+        for folder in folders:
+            folder.mkdir(mode=0o700)
+        confined = self.backend == "sandbox-exec"
+        # neither macOS's sandbox nor its libraries bear forks
+        single_use = folders if confined or sys.platform == "darwin" else []
+        wrapping = [
+            command_lines.seatbelt_command_prefix(self.readable, slot_folder, spec.writable) if confined else ()
+            for slot_folder in single_use
+        ]
+        settings = Settings(
+            preload=spec.preload,
+            overlays=tuple(allowlist.content_overlays()),
+            tools=spec.tools,
+            layers=self.backend != "none" and sys.platform == "linux",
+            readable=(*allowlist.system_paths(), *allowlist.kernel_paths(), *self.readable),
+            writable=spec.writable,
+            scratch=backends.SCRATCH if sized else self._scratch.path,
+            slots=spec.slots,
+            scratch_is_sized=sized,
+            scratch_bytes=spec.limits.scratch_mib << 20,
+            single_use=tuple(map(tuple, wrapping)),
+        )
         command = startup.build_command_line("zygote", channel, settings)
         if self.backend == "bubblewrap":
-            scratch = [settings.scratch / str(slot) for slot in range(plan.slots)]
+            scratch = [settings.scratch / str(slot) for slot in range(spec.slots)]
             prefix = command_lines.bubblewrap_command_prefix(
-                self.readable, scratch, settings.scratch_bytes, plan.writable
+                self.readable, scratch, settings.scratch_bytes, spec.writable
             )
             command = [*prefix, *command]
         with self._log_path.open("wb") as log:
@@ -85,32 +108,6 @@ class Zygote:
                 pass_fds=(channel,),
                 start_new_session=True,
             )
-
-    def _build_settings(self, plan: Plan) -> Settings:
-        sized = self.backend == "bubblewrap"
-        folders = [self._scratch.path / str(slot) for slot in range(plan.slots)]
-        for folder in folders:
-            folder.mkdir(mode=0o700)
-        confined = self.backend == "sandbox-exec"
-        # neither macOS's sandbox nor its libraries bear forks
-        single_use = folders if confined or sys.platform == "darwin" else []
-        wrapping = [
-            command_lines.seatbelt_command_prefix(self.readable, one, plan.writable) if confined else ()
-            for one in single_use
-        ]
-        return Settings(
-            preload=plan.preload,
-            overlays=tuple(allowlist.content_overlays()),
-            tools=plan.tools,
-            layers=self.backend != "none" and sys.platform == "linux",
-            readable=(*allowlist.system_paths(), *allowlist.kernel_paths(), *self.readable),
-            writable=plan.writable,
-            scratch=backends.SCRATCH if sized else self._scratch.path,
-            slots=plan.slots,
-            scratch_is_sized=sized,
-            scratch_bytes=plan.limits.scratch_mib << 20,
-            single_use=tuple(map(tuple, wrapping)),
-        )
 
     def await_ready(self) -> None:
         """Wait until its imports are done; ``SandboxError`` if they failed, or took longer than a minute."""
@@ -126,7 +123,7 @@ class Zygote:
     def send_order(self, slot: int, limits: Limits, descriptors: Sequence[int]) -> bool:
         """Have a call served with ``descriptors`` (frames, trace, output, control); False if the zygote is dead."""
         try:
-            wire.send_order(self._host, wire.Order(slot=slot, limits=limits), descriptors)
+            wire.send_order(self._host, wire.CallOrder(slot=slot, limits=limits), descriptors)
         except OSError:
             return False
         return True

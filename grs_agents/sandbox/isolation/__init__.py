@@ -1,1 +1,1 @@
-"""What confines a worker: command lines of the backends, Landlock, seccomp, limits."""
+"""Confinement of a worker: command lines of the backends, Landlock, seccomp, limits."""

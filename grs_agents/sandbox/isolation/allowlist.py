@@ -18,7 +18,7 @@ _PACKAGES = ("site-packages", "dist-packages")
 
 @cache
 def system_paths() -> tuple[Path, ...]:
-    """What every dynamically linked program reads."""
+    """Paths that every dynamically linked program reads."""
     programs = (*_PROGRAMS, *_PROGRAMS_OF_MACOS) if sys.platform == "darwin" else _PROGRAMS
     return tuple(path for path in map(Path, (*programs, *_SETTINGS)) if path.exists())
 
@@ -40,12 +40,12 @@ def runtime_paths() -> tuple[Path, ...]:
 
 
 def content_paths(roots: Iterable[Path]) -> tuple[Path, ...]:
-    """The folders below each content root that workers load from; what else lies beside them is nobody's affair."""
+    """The folders below each content root that workers load from, and nothing beside them."""
     return tuple(root / kind for root in roots for kind in _CONTENT if (root / kind).is_dir())
 
 
 def content_overlays() -> list[Path]:
-    """The content laid over the shipped one that workers load from, the topmost last."""
+    """Content folders of the user that workers load from, the topmost last."""
     return [root for root in reversed(content.content_search_roots()[:-1]) if content_paths([root])]
 
 
@@ -61,5 +61,5 @@ def outermost_paths(paths: Iterable[Path]) -> tuple[Path, ...]:
 
 
 def is_path_covered(path: Path, allowed: Iterable[Path]) -> bool:
-    """Whether ``path`` is one of ``allowed`` or lies inside one."""
-    return any(path == other or other in path.parents for other in allowed)
+    """True if ``path`` equals a path of ``allowed`` or lies inside it."""
+    return any(path == root or root in path.parents for root in allowed)

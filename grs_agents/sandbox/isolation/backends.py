@@ -1,4 +1,4 @@
-"""What can separate a worker from the host, and what each of them needs."""
+"""Backends that separate a worker from the host, and their requirements."""
 
 import os
 import shutil
@@ -21,9 +21,9 @@ BACKEND_REMEDIES: dict[str, str] = {
     "sandbox-exec": "use macOS, which comes with sandbox-exec",
 }
 PROGRAMS: dict[str, str] = {"bubblewrap": "bwrap", "sandbox-exec": "sandbox-exec"}
-"""What must be on the PATH."""
+"""Program of each backend, on the PATH."""
 SCRATCH = Path("/scratch")
-"""Where scratch folders lie in a file system of their own."""
+"""Folder of the scratch folders in a file system of their own."""
 
 
 def backend_candidates(choice: BackendChoice) -> tuple[Backend, ...]:
@@ -34,7 +34,7 @@ def backend_candidates(choice: BackendChoice) -> tuple[Backend, ...]:
 
 
 def missing_requirements(backend: Backend) -> list[tuple[str, str]]:
-    """Why ``backend`` cannot even be tried, each reason with its remedy; empty if it can."""
+    """Requirements that ``backend`` misses, each with its remedy; empty if it can be tried."""
     if os.name != "posix":
         return [(f"it needs Linux or macOS, this is {sys.platform}", "use Linux, or a container of it")]
     reasons: list[tuple[str, str]] = []

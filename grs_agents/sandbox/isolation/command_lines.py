@@ -11,9 +11,9 @@ from grs_agents.sandbox.isolation import allowlist
 def bubblewrap_command_prefix(
     readable: Sequence[Path], scratch: Sequence[Path], scratch_bytes: int, writable: Sequence[Path] = ()
 ) -> list[str]:
-    """What to put before a command, for name spaces of its own and a file system of what is named.
-    ``readable`` is visible read-only, beside the system's own files; each folder of ``scratch`` is a writable file
-    system of ``scratch_bytes`` bytes; the folders ``writable`` are those of the host."""
+    """Prefix of a command for its own name spaces and a file system of the named paths. ``readable`` is visible
+    read-only, beside the system's own files; each folder of ``scratch`` is a writable file system of ``scratch_bytes``
+    bytes; the folders ``writable`` are those of the host."""
     command = [shutil.which("bwrap") or "bwrap", "--unshare-all", "--unshare-user", "--cap-drop", "ALL"]
     command += ["--hostname", "sandbox"]
     for path in allowlist.system_paths():
@@ -33,12 +33,12 @@ def _read_only_bind_args(path: Path) -> list[str]:
 
 
 def seatbelt_command_prefix(readable: Sequence[Path], scratch: Path, writable: Sequence[Path] = ()) -> list[str]:
-    """What to put before a command on macOS; the arguments are those of ``seatbelt_profile``."""
+    """Prefix of a command on macOS; arguments as of ``seatbelt_profile``."""
     return [shutil.which("sandbox-exec") or "sandbox-exec", "-p", seatbelt_profile(readable, scratch, writable)]
 
 
 def seatbelt_profile(readable: Sequence[Path], scratch: Path, writable: Sequence[Path] = ()) -> str:
-    """The rules of macOS's ``sandbox-exec``: no network, no other process, no file but what is named.
+    """The rules of macOS's ``sandbox-exec``: no network, no other process, only the named files.
 
     The rules that a program needs to start at all are Apple's own, which change with the system. ``sandbox-exec``
     starts the interpreter within the profile, so the interpreter alone may be executed, in place of itself.
@@ -46,13 +46,15 @@ def seatbelt_profile(readable: Sequence[Path], scratch: Path, writable: Sequence
     """
     paths = (*allowlist.system_paths(), *readable)
     parents = sorted({parent for path in (*paths, scratch, *writable) for parent in path.parents})
+    inner = Path(sys.base_prefix, "Resources", "Python.app", "Contents", "MacOS", "Python")
+    named = [Path(sys.executable), Path(sys.executable).resolve(), inner, inner.resolve()]
     lines = [
         "(version 1)",
         "(deny default)",
         '(import "system.sb")',
         "(deny network*)",
         "(deny process-fork)",
-        f"(allow process-exec {_format_path_filters('literal', _interpreter_paths())})",
+        f"(allow process-exec {_format_path_filters('literal', sorted({path for path in named if path.exists()}))})",
         f"(allow file-read-metadata {_format_path_filters('literal', parents)})",
         f"(allow file-read* file-map-executable {_format_path_filters('subpath', paths)})",
         f"(allow file-read* file-write* {_format_path_filters('subpath', [scratch, *writable])})",
@@ -63,16 +65,6 @@ def seatbelt_profile(readable: Sequence[Path], scratch: Path, writable: Sequence
     return "\n".join(lines)
 
 
-def _interpreter_paths() -> list[Path]:
-    """This interpreter under each of its names; macOS's own starts another program of the same installation."""
-    inner = Path(sys.base_prefix, "Resources", "Python.app", "Contents", "MacOS", "Python")
-    named = [Path(sys.executable), Path(sys.executable).resolve(), inner, inner.resolve()]
-    return sorted({path for path in named if path.exists()})
-
-
 def _format_path_filters(kind: str, paths: Iterable[Path]) -> str:
-    return " ".join(f"({kind} {_quote_path(path)})" for path in paths)
-
-
-def _quote_path(path: Path) -> str:
-    return '"' + str(path).replace("\\", "\\\\").replace('"', '\\"') + '"'
+    quoted = (str(path).replace("\\", "\\\\").replace('"', '\\"') for path in paths)
+    return " ".join(f'({kind} "{path}")' for path in quoted)

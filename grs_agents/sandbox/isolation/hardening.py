@@ -13,7 +13,7 @@ class HardeningError(GrsError):
 
 
 def prepare_hardening_before_fork() -> None:
-    """Do ahead of a fork what each child would repeat: build the filter, let go of capabilities to be gained."""
+    """Do the shared work of all children ahead of a fork: build the filter, drop the capability bounding set."""
     machine = kernel.detect_architecture()
     if machine is not None:
         seccomp.compile_filter(machine, landlock.abi_version())
@@ -21,24 +21,30 @@ def prepare_hardening_before_fork() -> None:
 
 
 def create_file_rules(readable: Sequence[Path], writable: Sequence[Path]) -> int | None:
-    """What ``harden_process`` leaves of the files, as ``landlock.rules``; None if this kernel has no Landlock."""
+    """The file rules of ``harden_process``, as of ``landlock.create_ruleset``; None without Landlock in this kernel."""
     return landlock.create_ruleset(readable, writable) if landlock.abi_version() else None
 
 
 def harden_process(rules: int | None, allowance: Allowance, visible: bool = False) -> tuple[str, ...]:
-    """Confine the present process to a few files, harmless system calls and bounded resources, for ever.
+    """Confine this process to a few files, harmless system calls and bounded resources, irrevocably.
 
-    The answer names the layers that hold, e.g. ``("no capabilities", "limits", "thread limit", "landlock 7",
-    "seccomp")``. What the kernel lacks is left out: the caller compares with what it demands. Descriptors that are open
-    stay open. The process can start threads afterwards, but no process. ``visible`` says whether processes of the same
-    user outside may see its open files and memory.
+    Returns: the names of the active layers, e.g. ``("no capabilities", "limits", "thread limit", "landlock 7",
+    "seccomp")``. Layers that the kernel lacks are left out: the caller compares with its demands. Open descriptors stay
+    open. The process can start threads afterwards, but no process. ``visible`` lets processes of the same user outside
+    see its open files and memory.
 
     Raises:
-        HardeningError: the process has several threads. Landlock and capabilities belong to one thread, and another
-            one would stay free.
+        HardeningError: the process has several threads. Landlock and capabilities apply to a single thread, and the
+            others would stay free.
         OSError: the kernel has a layer, yet would not put it on.
     """
-    _require_single_thread()
+    try:
+        threads = Path("/proc/self/task").stat().st_nlink - 2  # a folder for each, beside "." and ".."
+    except FileNotFoundError:
+        raise HardeningError("/proc is not mounted, so threads cannot be counted", "mount /proc") from None
+    if threads > 1:
+        remedy = "fork first, or set OPENBLAS_NUM_THREADS=1 and start no thread before"
+        raise HardeningError(f"a process of {threads} threads cannot be hardened, only one of 1", remedy)
     lacks = find_missing_layers()
     layers = ["no capabilities", "limits"]
     alone = privileges.use_unique_user_id()
@@ -58,20 +64,10 @@ def harden_process(rules: int | None, allowance: Allowance, visible: bool = Fals
 
 
 def find_missing_layers() -> dict[str, str]:
-    """What this kernel lacks of the layers, each with the reason; empty if it has them all."""
+    """Layers that this kernel lacks, each with the reason; empty if it has them all."""
     version = landlock.abi_version()
     reasons = {"landlock": landlock.unavailability_reason(), "seccomp": seccomp.unavailability_reason()}
     if 0 < version < 6:
         covered = "files" if version < 4 else "files and TCP"
         reasons["landlock 6"] = f"the kernel has version {version}, which covers {covered}; seccomp covers the rest"
     return {layer: reason for layer, reason in reasons.items() if reason}
-
-
-def _require_single_thread() -> None:
-    try:
-        threads = Path("/proc/self/task").stat().st_nlink - 2  # a folder for each, beside "." and ".."
-    except FileNotFoundError:
-        raise HardeningError("/proc is not mounted, so threads cannot be counted", "mount /proc") from None
-    if threads > 1:
-        remedy = "fork first, or set OPENBLAS_NUM_THREADS=1 and start no thread before"
-        raise HardeningError(f"a process of {threads} threads cannot be hardened, only one of 1", remedy)

@@ -111,7 +111,7 @@ if sys.platform == "linux":
 
 
 def detect_architecture() -> Machine | None:
-    """Which table of system calls this process uses; None if it is neither of the two that are known here."""
+    """The system call table of this process; None for any other machine."""
     if sys.platform != "linux" or sys.maxsize < 1 << 32:
         return None
     match os.uname().machine:
@@ -135,7 +135,7 @@ def prctl(option: int, *arguments: int) -> int:
 
 
 def read_kernel_file(path: str) -> bytes:
-    """What the kernel tells in one of its small files, without the buffers that a file object sets up."""
+    """Content of a small file of the kernel, without the buffers that a file object sets up."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         return os.read(descriptor, 1 << 16)
@@ -144,7 +144,7 @@ def read_kernel_file(path: str) -> bytes:
 
 
 def write_kernel_file(path: str, data: bytes) -> None:
-    """Tell the kernel something through one of its small files."""
+    """Write to a small file of the kernel."""
     descriptor = os.open(path, os.O_WRONLY)
     try:
         os.write(descriptor, data)

@@ -1,6 +1,5 @@
-"""What a process may do with files, connections and signals, kept by the kernel's Landlock.
-Landlock does not cover what belongs to a path but not to its content: permission bits, owner, times, extended
-attributes. The seccomp filter denies those calls."""
+"""Landlock rules of the kernel for files, connections and signals. Landlock does not cover attributes of a path:
+permission bits, owner, times, extended attributes. The seccomp filter denies those calls."""
 
 import ctypes
 import errno
@@ -61,7 +60,7 @@ def abi_version() -> int:
 
 
 def unavailability_reason() -> str:
-    """Why this kernel offers no Landlock; empty if it does."""
+    """Reason why this kernel offers no Landlock; empty if it does."""
     try:
         kernel.make_system_call("landlock_create_ruleset", 0, 0, _VERSION)
     except OSError as error:
@@ -74,43 +73,36 @@ def unavailability_reason() -> str:
 def create_ruleset(readable: Sequence[Path], writable: Sequence[Path]) -> int:
     """A descriptor of the rights that ``restrict_file_access`` leaves; a forked process inherits it.
 
-    Folders stand for all that is in them; an absent path is left out. In ``writable`` folders files, folders and links
+    Folders include all of their content; an absent path is left out. In ``writable`` folders files, folders and links
     may be made and removed. Nothing may be executed, no device, socket or pipe be made. Version 4 also denies TCP,
     version 6 signals to processes outside and sockets of the abstract name space. ``OSError`` if there is no Landlock.
     """
     version = abi_version()
-    # All rights that this version knows, since what is not handled stays free.
+    # All rights that this version knows, since unhandled rights stay free.
     handled = Access(sum(right for right in Access if version >= _FIRST_ABI.get(right, 1)))
-    ruleset = _create_empty_ruleset(version, handled)
-    for paths, rights in ((readable, _READ), (writable, _WRITE)):
-        for path in paths:
-            with suppress(*_ABSENT):
-                _allow_path(ruleset, path, rights & handled)
-    return ruleset
-
-
-def restrict_file_access(ruleset: int) -> None:
-    """Take from this thread, and all it will start, every right on files but those of ``create_ruleset``, for ever.
-    ``OSError`` if the kernel has no Landlock, or the process may still gain privileges."""
-    kernel.make_system_call("landlock_restrict_self", ruleset, 0)
-
-
-def _create_empty_ruleset(version: int, handled: Access) -> int:
     fields: list[int] = [handled]
     if version >= 4:
         fields.append(_BIND_AND_CONNECT_TCP)
     if version >= 6:
         fields.append(_ABSTRACT_SOCKETS_AND_SIGNALS)
     attributes = ctypes.create_string_buffer(struct.pack(f"={len(fields)}Q", *fields))
-    return kernel.make_system_call("landlock_create_ruleset", ctypes.addressof(attributes), 8 * len(fields), 0)
+    ruleset = kernel.make_system_call("landlock_create_ruleset", ctypes.addressof(attributes), 8 * len(fields), 0)
+    for paths, rights in ((readable, _READ), (writable, _WRITE)):
+        for path in paths:
+            with suppress(*_ABSENT):
+                granted = rights & handled
+                descriptor = os.open(path, os.O_PATH | os.O_CLOEXEC)
+                try:
+                    if not stat.S_ISDIR(os.fstat(descriptor).st_mode):
+                        granted &= _ON_A_FILE
+                    rule = ctypes.create_string_buffer(struct.pack("=Qi", granted, descriptor))
+                    kernel.make_system_call("landlock_add_rule", ruleset, _BENEATH, ctypes.addressof(rule), 0)
+                finally:
+                    os.close(descriptor)
+    return ruleset
 
 
-def _allow_path(ruleset: int, path: Path, rights: Access) -> None:
-    descriptor = os.open(path, os.O_PATH | os.O_CLOEXEC)
-    try:
-        if not stat.S_ISDIR(os.fstat(descriptor).st_mode):
-            rights &= _ON_A_FILE
-        rule = ctypes.create_string_buffer(struct.pack("=Qi", rights, descriptor))
-        kernel.make_system_call("landlock_add_rule", ruleset, _BENEATH, ctypes.addressof(rule), 0)
-    finally:
-        os.close(descriptor)
+def restrict_file_access(ruleset: int) -> None:
+    """Restrict this thread, and all it will start, to the file rights of ``create_ruleset``, irrevocably. ``OSError``
+    if the kernel has no Landlock, or the process may still gain privileges."""
+    kernel.make_system_call("landlock_restrict_self", ruleset, 0)

@@ -1,4 +1,4 @@
-"""What a process gives up for good (capabilities, gaining any, being looked into), and its resource limits."""
+"""Irrevocable loss of privileges (capabilities, gaining any, being traced), and resource limits."""
 
 import _thread
 import ctypes
@@ -25,7 +25,7 @@ _OWN = ctypes.create_string_buffer(struct.pack("=Ii", _VERSION_3, 0))
 _NOTHING = ctypes.create_string_buffer(24)
 
 _ACCOUNTS = 0x7000_0000
-"""User ids from here on are given to nobody, containers and dynamic users included."""
+"""User ids from here on belong to no account, containers and dynamic users included."""
 
 
 def forbid_new_privileges() -> None:
@@ -34,7 +34,7 @@ def forbid_new_privileges() -> None:
 
 
 def drop_capabilities() -> None:
-    """Empty all five sets of this thread; what it may still do is decided by the owner of a file."""
+    """Empty all five sets of this thread; from then on only the ownership of files decides."""
     drop_bounding_set()
     with suppress(OSError):  # the ambient set came with Linux 4.3
         kernel.prctl(_AMBIENT, _CLEAR_AMBIENT)
@@ -54,7 +54,8 @@ def drop_bounding_set() -> None:
 
 
 def hide_from_other_processes(hidden: bool = True) -> None:
-    """Let no process of the same user trace this one, read its memory or see its open files; or let them again."""
+    """Forbid processes of the same user to trace this process, read its memory or see its open files; or allow it
+    again."""
     kernel.prctl(_SET_DUMPABLE, int(not hidden))
 
 
@@ -80,24 +81,24 @@ def _is_in_bounding_set(capability: int) -> bool | None:
 
 @dataclass(frozen=True)
 class Allowance:
-    """What may be used from now on."""
+    """Limits for the rest of the process."""
 
-    # processor time of the whole process, rounded up to whole seconds. `SIGXCPU` tells it, and `SIGKILL` ends it a
-    # second later.
+    # processor time of the whole process, rounded up to whole seconds. `SIGXCPU` announces the limit, and `SIGKILL`
+    # ends the process a second later.
     cpu_seconds: float = 50
-    memory_mib: int = 1024  # address space on top of what is held. Each thread's stack takes 8 MiB of it.
+    memory_mib: int = 1024  # address space beyond the present size. Each thread's stack takes 8 MiB of it.
     file_mib: int = 64  # the largest file that can be written
     descriptors: int = 128  # the lowest number that no descriptor can have
-    # how many may be started. The kernel counts all threads of a *user*, other processes' too, so that those of today
-    # are added, root's included (a process which hides itself looks like root's): a bound on damage, no exact number.
-    # It is exact for a process alone in its count.
+    # threads that may be started. The kernel counts all threads of a *user*, in other processes too, so the present
+    # threads are added, root's included (a process which hides itself looks like root's): a bound on damage, not an
+    # exact number. It is exact for a process alone in its count.
     threads: int = 64
 
 
 def set_resource_limits(allowance: Allowance, alone: bool) -> bool:
-    """Set all limits, soft and hard, for ever; none is raised above what already holds. The stack's is kept.
-    ``alone`` says that no other process counts as this user's (``use_unique_user_id``). The answer is whether the limit
-    on threads binds: it does not bind root."""
+    """Set all limits, soft and hard, irrevocably; no limit is raised, and the stack's is kept. ``alone`` says that no
+    other process counts as this user's (``use_unique_user_id``). Returns: True if the limit on threads binds; it does
+    not bind root."""
     cpu = math.ceil(time.process_time() + allowance.cpu_seconds)
     _lower_resource_limit("CPU", cpu, cpu + 1)
     _lower_resource_limit("FSIZE", allowance.file_mib << 20)
@@ -127,7 +128,7 @@ def _lower_resource_limit(name: str, soft: int, hard: int | None = None) -> None
 
 
 def _count_user_threads(user: int) -> int:
-    """How many threads a user has, root's included: a process that cannot be traced looks like root's."""
+    """Number of threads of a user, root's included: a process that cannot be traced looks like root's."""
     total = 0
     with suppress(FileNotFoundError), os.scandir("/proc") as entries:
         for entry in entries:

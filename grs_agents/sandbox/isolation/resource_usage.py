@@ -1,4 +1,4 @@
-"""What a call holds that no limit of the kernel bounds: its scratch folder as a whole, its threads, on macOS memory."""
+"""Resource usage that no limit of the kernel bounds: the scratch folder as a whole, threads, memory on macOS."""
 
 import ctypes
 import os
@@ -12,14 +12,14 @@ from pathlib import Path
 from grs_agents.sandbox.isolation import kernel
 
 ENTRY_BYTES = 64 << 10
-"""What a file or folder costs beside its content. It bounds how many there can be, 1,024 in 64 MiB: whoever empties the
-folder needs up to 4 ms for each (ext4), and no call begins meanwhile."""
+"""Cost of a file or folder beside its content. It bounds their number, 1,024 in 64 MiB: removing each takes up to 4 ms
+(ext4), and no call begins meanwhile."""
 _FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW
 _TRIES = 3
 _THREADS = re.compile(rb"^Threads:\s*(\d+)", re.MULTILINE)
 _TASK_INFO, _TASK_INFO_BYTES = 4, 96
 _TASK_MEMORY, _TASK_THREADS = 8, 84
-"""Of macOS's ``proc_pidinfo``: a kind of facts, their size, and where memory (u64) and threads (i32) are in them."""
+"""macOS's ``proc_pidinfo``: a kind of facts, their size, and the offsets of memory (u64) and threads (i32) in them."""
 
 
 def count_scratch_bytes(folder: Path, most: int) -> int:
@@ -37,7 +37,7 @@ def count_scratch_bytes(folder: Path, most: int) -> int:
 
 
 def _try_counting_bytes(folder: Path, most: int) -> int | None:
-    """One attempt at counting; None if a folder moved or went away while it was looked into."""
+    """A single attempt at counting; None if a folder moved or vanished meanwhile."""
     here = os.open(folder, _FOLDER)
     try:
         total, names = _measure_folder_entries(here)
@@ -51,7 +51,9 @@ def _try_counting_bytes(folder: Path, most: int) -> int | None:
             here = there
             if name == "..":
                 way.pop()
-                if _device_inode(here) != way[-1][0]:  # the way up leads elsewhere, perhaps out of the scratch folder
+                if (
+                    _device_inode(here) != way[-1][0]
+                ):  # its parent has changed, perhaps to a folder out of the scratch folder
                     return None
                 continue
             taken, names = _measure_folder_entries(here)
@@ -72,7 +74,7 @@ def _device_inode(descriptor: int) -> tuple[int, int]:
 
 
 def _measure_folder_entries(descriptor: int) -> tuple[int, list[str]]:
-    """The bytes of the entries of one folder, and the names of its folders."""
+    """The bytes of a folder's entries, and the names of its folders."""
     total = 0
     folders: list[str] = []
     with os.scandir(descriptor) as entries:
@@ -87,7 +89,7 @@ def _measure_folder_entries(descriptor: int) -> tuple[int, list[str]]:
 
 
 def count_unlinked_bytes(pid: int) -> int:
-    """The bytes of files that have no name any more and that the process ``pid`` holds open; 0 where unknown."""
+    """The bytes of unlinked files that the process ``pid`` holds open; 0 if unknown."""
     total = 0
     with suppress(OSError), os.scandir(f"/proc/{pid}/fd") as entries:
         for entry in entries:
@@ -99,7 +101,7 @@ def count_unlinked_bytes(pid: int) -> int:
 
 
 def count_threads(pid: int) -> int:
-    """How many threads the process ``pid`` has; 0 once it is gone, 1 where the system does not tell."""
+    """Number of threads of the process ``pid``; 0 after its end, 1 if the system does not say."""
     if sys.platform == "darwin":
         return _macos_memory_and_threads(pid)[1]
     try:
@@ -111,7 +113,7 @@ def count_threads(pid: int) -> int:
 
 
 def count_memory_bytes(pid: int) -> int:
-    """The bytes of memory that the process ``pid`` holds, where the kernel keeps no limit on them; 0 elsewhere."""
+    """The bytes of memory that the process ``pid`` holds, if the kernel keeps no limit on them; 0 elsewhere."""
     return _macos_memory_and_threads(pid)[0] if sys.platform == "darwin" else 0
 
 

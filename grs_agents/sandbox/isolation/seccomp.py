@@ -1,19 +1,19 @@
-"""Which system calls a process may make, kept by the kernel's seccomp filter.
+"""System calls that a process may make, enforced by the kernel's seccomp filter.
 
-An allow-list: what CPython, numpy and MuJoCo with software rendering ask for. Known dangerous calls fail with EPERM,
-so that Python raises ``PermissionError``; all others fail with ENOSYS, as on a kernel that is older than they are.
-Calls made for another machine (32-bit, x32) kill the process. The kernel works out ahead of time which calls pass
-whatever their arguments, and does not run the filter for these.
+An allow-list of the calls of CPython, numpy and MuJoCo with software rendering. Known dangerous calls fail with EPERM,
+so that Python raises ``PermissionError``; all others fail with ENOSYS, as on an older kernel. Calls made for another
+machine (32-bit, x32) kill the process. The kernel works out ahead of time which calls pass whatever their arguments,
+and does not run the filter for these.
 
-The filter is classic BPF, written as a tree of decisions: it reads one 32-bit word of ``struct seccomp_data`` at a
-time, compares it, and ends in an answer. Every branch ends in an answer of its own, so no jump needs a label.
+The filter is classic BPF, written as a tree of decisions: it reads a 32-bit word of ``struct seccomp_data`` at a time,
+compares it, and ends in an action. Every branch ends in its own action, so no jump needs a label.
 """
 
 import ctypes
 import errno
 import os
 import struct
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache, reduce
 
@@ -24,15 +24,15 @@ _LOAD, _GO, _RETURN = 0x20, 0x05, 0x06
 _EQUAL, _AT_LEAST, _ANY_BIT = 0x15, 0x35, 0x45
 _INSTRUCTION, _OPERAND = struct.Struct("=HBBI"), 4
 _FARTHEST = 255
-"""How far a comparison can jump: its offsets are bytes."""
+"""Longest jump of a comparison: its offsets are bytes."""
 
 NUMBER, ARCHITECTURE = 0, 4
-"""Where the number of the call and the machine it is made for lie in ``struct seccomp_data``."""
+"""Offsets of the call number and the architecture in ``struct seccomp_data``."""
 
 
 @dataclass(frozen=True)
-class Answer:
-    """The end of a branch: what becomes of the call."""
+class FilterAction:
+    """Leaf of the tree: the action for the call."""
 
     action: int
 
@@ -47,7 +47,7 @@ class Load:
 
 @dataclass(frozen=True)
 class Branch:
-    """Compare the word that was read last, and go one of two ways."""
+    """Compare the last word read, and take a branch."""
 
     comparison: int
     value: int
@@ -55,13 +55,13 @@ class Branch:
     otherwise: "Node"
 
 
-Node = Answer | Load | Branch
+Node = FilterAction | Load | Branch
 Instruction = tuple[int, int, int, int]
 """Operation, jump if true, jump if false, operand."""
 
 
 def load_argument_low_half(index: int, then: Node) -> Load:
-    """Read the lower half of an argument (little endian): all of it, where the kernel takes an ``int``."""
+    """Read the lower half of an argument (little endian); complete for arguments that the kernel takes as ``int``."""
     return Load(16 + 8 * index, then)
 
 
@@ -71,22 +71,22 @@ def load_argument_high_half(index: int, then: Node) -> Load:
 
 
 def branch_if_equal(value: int, then: Node, otherwise: Node) -> Branch:
-    """Whether the word is ``value``."""
+    """Branch on equality with ``value``."""
     return Branch(_EQUAL, value, then, otherwise)
 
 
 def branch_if_at_least(value: int, then: Node, otherwise: Node) -> Branch:
-    """Whether the word, unsigned, is ``value`` or more."""
+    """Branch on the unsigned word being ``value`` or more."""
     return Branch(_AT_LEAST, value, then, otherwise)
 
 
 def branch_if_any_bit(mask: int, then: Node, otherwise: Node) -> Branch:
-    """Whether any bit of ``mask`` is set."""
+    """Branch on any bit of ``mask`` being set."""
     return Branch(_ANY_BIT, mask, then, otherwise)
 
 
 def branch_if_one_of(values: Iterable[int], then: Node, otherwise: Node) -> Node:
-    """Whether the word is one of ``values``."""
+    """Branch on membership in ``values``."""
     return reduce(lambda rest, value: branch_if_equal(value, then, rest), sorted(values, reverse=True), otherwise)
 
 
@@ -100,7 +100,7 @@ def branch_by_range(starts: Sequence[tuple[int, Node]]) -> Node:
 
 def assemble_instructions(node: Node) -> list[Instruction]:
     """Lay the tree out as instructions."""
-    if isinstance(node, Answer):
+    if isinstance(node, FilterAction):
         return [(_RETURN, 0, 0, node.action)]
     if isinstance(node, Load):
         return [(_LOAD, 0, 0, node.offset), *assemble_instructions(node.then)]
@@ -116,15 +116,15 @@ def encode_instructions(program: Iterable[Instruction]) -> bytes:
 
 
 def find_operand_offsets(program: Iterable[Instruction], operand: int) -> tuple[int, ...]:
-    """Where ``operand`` lies in the encoded program, in bytes: it can be replaced there (``struct``'s ``=I``)."""
+    """Byte offsets of ``operand`` in the encoded program, for replacing it there (``struct``'s ``=I``)."""
     numbers = (number for number, instruction in enumerate(program) if instruction[-1] == operand)
     return tuple(number * _INSTRUCTION.size + _OPERAND for number in numbers)
 
 
-ALLOW = Answer(0x7FFF_0000)
-DENY = Answer(0x0005_0000 | errno.EPERM)
-UNKNOWN = Answer(0x0005_0000 | errno.ENOSYS)
-KILL = Answer(0x8000_0000)
+ALLOW = FilterAction(0x7FFF_0000)
+DENY = FilterAction(0x0005_0000 | errno.EPERM)
+UNKNOWN = FilterAction(0x0005_0000 | errno.ENOSYS)
+KILL = FilterAction(0x8000_0000)
 
 _ARCHITECTURES = {"x86_64": 0xC000_003E, "aarch64": 0xC000_00B7}
 _X32 = 0x4000_0000
@@ -174,22 +174,22 @@ mlock mlock2 mlockall move_pages migrate_pages
 _CLONE_THREAD = 0x0001_0000
 _NEW_NAMESPACES = 0x7E02_0000
 _CONTROLS = {0x5401, 0x802C_542A, 0x540F, 0x5413, 0x541B, 0x5421, 0x5450, 0x5451}
-"""What ioctl may be asked: TCGETS, TCGETS2, TIOCGPGRP, TIOCGWINSZ, FIONREAD, FIONBIO, FIONCLEX, FIOCLEX."""
+"""Allowed requests of ioctl: TCGETS, TCGETS2, TIOCGPGRP, TIOCGWINSZ, FIONREAD, FIONBIO, FIONCLEX, FIOCLEX."""
 _FILE_COMMANDS = {0, 1, 2, 3, 4, 5, 6, 7, 9, 11, 36, 37, 38, 1025, 1027, 1030, 1032, 1034}
-"""What fcntl may be asked: duplicate, flags, locks, and reading owner, signal, lease, pipe size and seals."""
+"""Allowed commands of fcntl: duplicate, flags, locks, and reading owner, signal, lease, pipe size and seals."""
 _SET_PIPE_SIZE, _PIPE_SIZE = 1031, 1 << 16
 _PROPERTIES = {2, 3, 7, 15, 16, 21, 23, 25, 27, 30, 39, 42, 51, 52, 64, 0x4155_5856, 0x5356_4D41}
-"""What prctl may be asked: to name a thread or a mapping, and to read what does no harm."""
+"""Allowed options of prctl: naming a thread or a mapping, and harmless reads."""
 _TRUNCATE = 0x200
 _NAMELESS = 0o20000000
 """``O_TMPFILE`` without the bit that it shares with ``O_DIRECTORY``."""
 _ANY_PID = 0xFFFF_FFFF
-"""Stands for the process's id until that is known; no process has it."""
+"""Placeholder for the process's id until it is known; no process has it."""
 _SET_FILTER, _GET_ACTION_AVAILABLE, _ALL_THREADS = 1, 2, 1
 
 
 def unavailability_reason() -> str:
-    """Why this kernel takes no filter; empty if it does."""
+    """Reason why this kernel takes no filter; empty if it does."""
     kill = ctypes.c_uint32(KILL.action)
     try:
         kernel.make_system_call("seccomp", _GET_ACTION_AVAILABLE, 0, ctypes.addressof(kill))
@@ -199,9 +199,9 @@ def unavailability_reason() -> str:
 
 
 def install_filter(landlock_abi: int) -> None:
-    """Filter the system calls of this process, all its threads included, for ever.
-    Landlock below version 3 leaves truncation free, which is denied here then. ``OSError`` if the kernel took no
-    filter, or the process may still gain privileges."""
+    """Filter the system calls of this process, all its threads included, irrevocably. Landlock below version 3 leaves
+    truncation free, which is denied here then. ``OSError`` if the kernel took no filter, or the process may still gain
+    privileges."""
     machine = kernel.detect_architecture()
     if machine is None:
         raise OSError(errno.ENOSYS, "the system calls of this machine are not known")
@@ -216,7 +216,7 @@ def install_filter(landlock_abi: int) -> None:
 
 @cache
 def compile_filter(machine: kernel.Machine, landlock_abi: int) -> tuple[bytes, tuple[int, ...]]:
-    """The filter, and where in it the process's id belongs: worth doing before a fork, as it takes a millisecond."""
+    """The filter, and the offsets of the process's id in it; call it before a fork, since it takes a millisecond."""
     program = assemble_instructions(build_policy_tree(machine, _ANY_PID, landlock_abi))
     return encode_instructions(program), find_operand_offsets(program, _ANY_PID)
 
@@ -225,24 +225,27 @@ def build_policy_tree(machine: kernel.Machine, pid: int, landlock_abi: int) -> N
     """The answer to every call that process ``pid`` could make, as a tree of decisions."""
     answers: dict[str, Node] = dict.fromkeys(ALLOWED.split(), ALLOW)
     answers |= dict.fromkeys(DENIED.split(), DENY)
-    answers |= _build_argument_policies(pid) | _build_open_policies(truncation=landlock_abi >= 3)
-    by_number = Load(NUMBER, _branch_by_call_number(machine, answers))
-    return Load(ARCHITECTURE, branch_if_equal(_ARCHITECTURES[machine], by_number, KILL))
-
-
-def _branch_by_call_number(machine: kernel.Machine, answers: Mapping[str, Node]) -> Node:
+    answers |= _build_argument_policies(pid, truncation=landlock_abi >= 3)
     numbered = {number: answers.get(name, UNKNOWN) for name, number in NUMBERS[machine].items()}
     starts: list[tuple[int, Node]] = []
     for number in range(max(numbered) + 2):
         answer = numbered.get(number, UNKNOWN)
         if not starts or starts[-1][1] != answer:
             starts.append((number, answer))
-    return branch_by_range([*starts, (_X32, KILL)])
+    by_number = Load(NUMBER, branch_by_range([*starts, (_X32, KILL)]))
+    return Load(ARCHITECTURE, branch_if_equal(_ARCHITECTURES[machine], by_number, KILL))
 
 
-def _build_argument_policies(pid: int) -> dict[str, Node]:
-    """The calls whose answer depends on their arguments.
-    The kernel takes these as ``int``, so that the lower half is all of them, but for pointers and a pipe's size."""
+def _build_argument_policies(pid: int, truncation: bool) -> dict[str, Node]:
+    """The calls whose action depends on their arguments.
+    The kernel takes these as ``int``, so that the lower half is all of them, but for pointers and a pipe's size.
+    ``truncation``: Landlock guards truncation; else a file that is open for reading alone (access mode 0, or 3:
+    neither) must not be truncated. Files without a name, which nothing outside can count, are denied."""
+    flags: Node = ALLOW
+    if not truncation:
+        reading = branch_if_any_bit(_TRUNCATE, DENY, ALLOW)
+        flags = branch_if_any_bit(1, branch_if_any_bit(2, reading, ALLOW), branch_if_any_bit(2, ALLOW, reading))
+    flags = branch_if_any_bit(_NAMELESS, DENY, flags)
     oneself = load_argument_low_half(0, branch_if_equal(pid, ALLOW, DENY))
     null = load_argument_low_half(
         2, branch_if_equal(0, load_argument_high_half(2, branch_if_equal(0, ALLOW, DENY)), DENY)
@@ -251,7 +254,9 @@ def _build_argument_policies(pid: int) -> dict[str, Node]:
     thread = branch_if_any_bit(_CLONE_THREAD, branch_if_any_bit(_NEW_NAMESPACES, DENY, ALLOW), DENY)
     low_half = load_argument_low_half(2, branch_if_at_least(_PIPE_SIZE + 1, DENY, ALLOW))
     no_larger = load_argument_high_half(2, branch_if_equal(0, low_half, DENY))
-    return {
+    policies: dict[str, Node] = {
+        "open": load_argument_low_half(1, flags),
+        "openat": load_argument_low_half(2, flags),
         "clone": load_argument_low_half(0, thread),
         "clone3": UNKNOWN,  # its flags lie in memory, out of a filter's sight; the C library falls back to clone
         **dict.fromkeys(("kill", "tkill", "tgkill", "rt_sigqueueinfo", "rt_tgsigqueueinfo"), oneself),
@@ -265,15 +270,4 @@ def _build_argument_policies(pid: int) -> dict[str, Node]:
         ),
         "prctl": load_argument_low_half(0, branch_if_one_of(_PROPERTIES, ALLOW, DENY)),
     }
-
-
-def _build_open_policies(truncation: bool) -> dict[str, Node]:
-    """Deny files without a name, which nothing outside can count. Where Landlock does not guard truncation, deny what
-    shortens a file that is open for reading alone (access mode 0, or 3: neither)."""
-    flags: Node = ALLOW
-    if not truncation:
-        reading = branch_if_any_bit(_TRUNCATE, DENY, ALLOW)
-        flags = branch_if_any_bit(1, branch_if_any_bit(2, reading, ALLOW), branch_if_any_bit(2, ALLOW, reading))
-    flags = branch_if_any_bit(_NAMELESS, DENY, flags)
-    answers: dict[str, Node] = {"open": load_argument_low_half(1, flags), "openat": load_argument_low_half(2, flags)}
-    return answers if truncation else {**answers, "truncate": DENY}
+    return policies if truncation else {**policies, "truncate": DENY}

@@ -1,1 +1,1 @@
-"""What the two sides of the sandbox say to each other: orders, settings, reports, tracebacks."""
+"""Messages between the two sides of the sandbox: orders, settings, reports, tracebacks."""

@@ -1,4 +1,4 @@
-"""The results of a call, and the report of a test run, one case for each test, which routers and fixers read."""
+"""The results of a call, and the report of a test run, a case for each test, for routers and fixers."""
 
 from typing import Annotated, Any, Literal
 
@@ -33,25 +33,25 @@ OUTCOME_MEANINGS: dict[str, str] = {
     "tampered": "the machinery that gives verdicts (unittest, numpy.testing, builtins) was changed; leave it as it is",
     "forged": "something other than the harness reported results, so none of them counts",
 }
-"""What outcomes mean that a name alone does not explain."""
+"""Explanations of outcomes whose name is not enough."""
 
 
 class TestCase(Frozen):
-    """One test."""
+    """Result of a test."""
 
     __test__ = False  # pytest: not a test of ours
 
     id: str  # `Class.method`
-    outcome: CaseOutcome  # only `passed` counts; what others mean is in `OUTCOME_MEANINGS`
-    seconds: float = 0.0  # how long it ran
-    message: str = ""  # one line
+    outcome: CaseOutcome  # only `passed` counts; `OUTCOME_MEANINGS` explains the others
+    seconds: float = 0.0  # wall time
+    message: str = ""  # a single line
     traceback: str = ""  # without the frames of unittest
     output: str = ""  # the first 4,000 characters it printed
-    raised_in: RaisedIn | None = None  # which file the failure came from
-    assertions: Annotated[int, Field(ge=0)] = 0  # how many it came to
+    raised_in: RaisedIn | None = None  # file of the failure
+    assertions: Annotated[int, Field(ge=0)] = 0  # number of assertions executed
     # the last oracle episode it ran, or its class's or module's fixture if it ran none itself; opaque JSON here
     episode: dict[str, Any] | None = None
-    episode_hook: Literal["test", "setUpClass", "setUpModule", ""] = ""  # which of them ran it
+    episode_hook: Literal["test", "setUpClass", "setUpModule", ""] = ""  # the hook that ran the episode
 
 
 class TestReport(Frozen):
@@ -60,21 +60,21 @@ class TestReport(Frozen):
     __test__ = False
 
     # `error` if a program does not parse or import, `timeout`, `crashed` or `exited` if a test (or the import) did,
-    # `no_tests` for an empty suite, `load_tests` for one that chooses by itself, `tampered` and `forged` if the
+    # `no_tests` for an empty suite, `load_tests` for a suite with its own `load_tests`, `tampered` and `forged` if the
     # verdicts cannot be trusted
     outcome: ReportOutcome
-    # one for each test of the source, in its order; then those that are not in it (`extra`)
+    # a case for each test of the source, in its order; then tests that are not in it (`extra`)
     cases: tuple[TestCase, ...] = ()
-    message: str = ""  # why there is no better outcome, where it is not one test's affair
+    message: str = ""  # reason of the outcome, unless a single test is the cause
     traceback: str = ""  # of the import, if that failed
-    raised_in: RaisedIn | None = None  # which file the first failure came from
+    raised_in: RaisedIn | None = None  # file of the first failure
     seconds: float = 0.0  # wall time of all calls
     cpu_seconds: float = 0.0  # processor time of all workers, their start included
-    backend: str = "process"  # what separated the tests from the host
+    backend: str = "process"  # separation of the tests from the host
 
     @property
     def all_passed(self) -> bool:
-        """Whether there were tests and every one passed."""
+        """True if there were tests and every test passed."""
         return self.outcome == "passed"
 
 
@@ -84,21 +84,21 @@ CallOutcome = Literal["ok", _Limit, "crashed", "forged", "error"]
 come from the harness."""
 
 EXITED = "the process ended itself"
-"""How the error of a ``crashed`` call begins whose process was not killed but exited without an answer."""
+"""Beginning of the error of a ``crashed`` call whose process was not killed but exited without an answer."""
 
 
 class CallResult(Frozen):
-    """How one call ended."""
+    """The end of a call."""
 
-    outcome: CallOutcome  # `ok`, or what stopped it
-    value: dict[str, Any] | None = None  # what the tool returned; None unless the outcome is `ok`
-    error: str = ""  # why there is no value, with the traceback if there is one
+    outcome: CallOutcome  # `ok`, or the limit or failure that stopped it
+    value: dict[str, Any] | None = None  # result of the tool; None unless the outcome is `ok`
+    error: str = ""  # reason of a missing value, with the traceback if there is one
     output: str = ""  # the last 64 KiB written to standard output and standard error since the last event
-    stack: str = ""  # where the code was when it crashed or ran out of time, as `faulthandler` writes it
-    events: tuple[dict[str, Any], ...] = ()  # what the tool reported while it ran, in order
+    stack: str = ""  # stack at a crash or timeout, as `faulthandler` writes it
+    events: tuple[dict[str, Any], ...] = ()  # events that the tool reported, in order
     seconds: float = 0.0  # wall time of the call
     cpu_seconds: float = 0.0  # processor time of the worker
-    backend: str = "none"  # what separated the worker from the host
+    backend: str = "none"  # separation of the worker from the host
     retried: bool = False  # the process that forks the workers was killed during a first try
 
 

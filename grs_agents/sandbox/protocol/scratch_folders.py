@@ -1,4 +1,4 @@
-"""Scratch folders: one for each worker, gone afterwards whatever was left in them."""
+"""Scratch folders: a folder for each worker, removed afterwards whatever its content."""
 
 import os
 import tempfile
@@ -26,13 +26,13 @@ class Scratch:
 
 
 def remove_orphaned_folders() -> None:
-    """Delete the scratch folders of this user whose host was killed: those that nobody has locked."""
+    """Delete the scratch folders of this user whose host was killed: those without a lock."""
     for folder in Path(tempfile.gettempdir()).glob(f"{_PREFIX}*"):
         with suppress(OSError):
             facts = folder.lstat()
             if facts.st_uid != os.getuid() or time.time() - facts.st_mtime < _SETTLED_SECONDS:
                 continue
-            lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+            lock = os.open(folder, _FOLDER)
             try:
                 _acquire_folder_lock(lock)
                 remove_folder(folder)
@@ -41,14 +41,14 @@ def remove_orphaned_folders() -> None:
 
 
 def _acquire_folder_lock(descriptor: int) -> None:
-    """Take the lock on an open folder; ``OSError`` if somebody else has it."""
-    import fcntl  # here, since Windows lacks it, where this package can be imported but has no worker
+    """Lock an open folder; ``OSError`` if another process holds the lock."""
+    import fcntl  # here, since Windows lacks it: there this package can be imported but has no worker
 
     fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def remove_folder(folder: Path) -> None:
-    """Delete ``folder`` and all that is in it, as far as the system lets us."""
+    """Delete ``folder`` with its content, if the system permits."""
     with suppress(OSError):
         folder.chmod(0o700)
         delete_folder_contents(folder)
@@ -89,7 +89,7 @@ def _switch_to_folder(here: int, name: str) -> int:
 
 
 def _delete_files_in_folder(descriptor: int) -> list[str]:
-    """Delete the entries of one folder but for its folders; their names."""
+    """Delete the entries of a folder except its folders. Returns: the names of these."""
     os.fchmod(descriptor, 0o700)
     folders: list[str] = []
     for entry in list(os.scandir(descriptor)):

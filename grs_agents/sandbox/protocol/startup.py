@@ -1,4 +1,4 @@
-"""How the processes of the sandbox start: their settings, environment and command line, and what they do first."""
+"""Start of the sandbox's processes: settings, environment, command line, and first steps."""
 
 import os
 import socket
@@ -9,7 +9,7 @@ from typing import Literal
 from grs_agents.base import Frozen, content
 
 EXPLAIN = b"explain"
-"""What the host sends to have a child write where it is, and end."""
+"""Message by which the host makes a child write its stack and end."""
 ENVIRONMENT = {
     "LC_ALL": "C.UTF-8",
     "PYTHONHASHSEED": "0",  # sets of strings iterate alike in every run
@@ -22,20 +22,20 @@ ENVIRONMENT = {
 
 
 class Settings(Frozen):
-    """How a zygote serves its calls."""
+    """Settings of a zygote."""
 
     preload: tuple[str, ...] = ()  # modules to import before the first call; "module:function" is called too
-    overlays: tuple[Path, ...] = ()  # content of the user's own, laid over the shipped one from the first on
+    overlays: tuple[Path, ...] = ()  # content folders of the user, laid over the shipped content from the start
     tools: tuple[str, ...] = ()  # tool files to import before the first call
-    layers: bool = True  # whether children harden themselves with Landlock, seccomp and without privileges
+    layers: bool = True  # children harden themselves with Landlock, seccomp and without privileges
     readable: tuple[Path, ...] = ()  # files and folders that children may read
     writable: tuple[Path, ...] = ()  # folders that they may write to, beside their scratch folder
-    scratch: Path  # folder with one scratch folder for each slot, named by its number
-    slots: int = 1  # how many calls may run at once
-    scratch_is_sized: bool = False  # whether each of these is a file system of its own, of `scratch_bytes`
+    scratch: Path  # folder with a scratch folder for each slot, named by its number
+    slots: int = 1  # calls that may run at once
+    scratch_is_sized: bool = False  # each of these is a file system of its own, of `scratch_bytes`
     scratch_bytes: int = 0  # the size of such a file system
-    # empty where children are forked. Otherwise each call has a process that was started for it alone, ahead of time:
-    # for each slot, what to put before the command of its processes.
+    # empty if children are forked. Otherwise each call has a process that was started for it alone, ahead of time: for
+    # each slot, the prefix of the command of its processes.
     single_use: tuple[tuple[str, ...], ...] = ()
 
 
@@ -49,7 +49,7 @@ _CODE = (
 def build_command_line(module: Literal["zygote", "child_process"], channel: int, settings: Settings) -> list[str]:
     """The command line that runs ``main`` of ``module``; ``channel`` is the number of an inherited socket.
 
-    Whoever starts the process holds the socket's other end.
+    The process that starts it holds the socket's other end.
     """
     folder = str(content.package_root().parent)
     code = _CODE.format(module)
@@ -57,9 +57,9 @@ def build_command_line(module: Literal["zygote", "child_process"], channel: int,
 
 
 def read_startup_arguments() -> tuple[socket.socket, Settings]:
-    """In the new process: the socket to whoever started it, and the settings; its environment holds nothing else."""
+    """In the new process: the socket to its starter, and the settings; its environment holds nothing else."""
     channel, text = sys.argv[1:]
     sys.argv = ["sandbox"]
-    for name in os.environ.keys() - ENVIRONMENT.keys():  # what bubblewrap added
+    for name in os.environ.keys() - ENVIRONMENT.keys():  # variables added by bubblewrap
         del os.environ[name]
     return socket.socket(fileno=int(channel)), Settings.model_validate_json(text)

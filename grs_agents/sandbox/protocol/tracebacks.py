@@ -13,22 +13,25 @@ SIMULATION_FILE = "task_code.py"
 TESTS_FILE = "test_task_code.py"
 """The names generated programs have in tracebacks; the module names are the paper's."""
 
+MAX_MESSAGE, MAX_TRACEBACK, MAX_OUTPUT = 1000, 8000, 4000
+"""Characters of the texts of a test case."""
+
 _PROGRAMS = (SIMULATION_FILE, TESTS_FILE)
 
 RaisedIn = Literal["simulation", "tests", "library"]
 _MACHINERY = (str(Path(__file__).parent.parent), str(Path(traceback.__file__).parent / "unittest"))
 _FOLDERS = sorted({str(Path(__file__).parents[3]), *sysconfig.get_paths().values()} - {os.sep}, key=len, reverse=True)
-"""Where this package, those beside it and the standard library lie."""
+"""Folders of this package, its siblings and the standard library."""
 _Frame = TypeVar("_Frame")
 _FRAME = re.compile(r'^ {2}File "(?P<file>[^"]*)", line (?P<line>[0-9]{1,9}) in (?P<function>.{0,200})$')
-"""The program can write to the pipe of the dump too: what is not within these bounds is no frame."""
+"""The program can write to the pipe of the dump too: text outside these bounds is no frame."""
 
 
 @dataclass(frozen=True)
 class Trace:
     """A traceback as text."""
 
-    message: str  # the exception's type and text, one line
+    message: str  # the exception's type and text, in a single line
     text: str  # the traceback, innermost frame last, without the frames of unittest and the sandbox
     raised_in: RaisedIn  # the file of the innermost frame that belongs to a generated program, else `library`
     functions: tuple[str, ...] = ()  # the functions that were running, innermost last
@@ -49,7 +52,9 @@ def describe_error(error: BaseException) -> Trace:
         files.append(error.filename)
     functions = tuple(frame.name for frame in whole.stack)
     text = shorten_paths("".join(whole.format()))
-    return Trace(shorten_paths(message)[:1000], text[-8000:].strip(), _innermost_program(files), functions)
+    return Trace(
+        shorten_paths(message)[:MAX_MESSAGE], text[-MAX_TRACEBACK:].strip(), _innermost_program(files), functions
+    )
 
 
 def describe_stack_dump(stack: str, sources: Mapping[str, str], message: str) -> Trace | None:
@@ -68,7 +73,9 @@ def describe_stack_dump(stack: str, sources: Mapping[str, str], message: str) ->
             lines.extend(f"    {line.strip()}" for line in code.get(frame["file"], [])[max(number - 1, 0) : number])
         files = [frame["file"] for frame in frames]
         functions = tuple(frame["function"] for frame in frames)
-        return Trace(message, shorten_paths("\n".join([*lines, message]))[-8000:], _innermost_program(files), functions)
+        return Trace(
+            message, shorten_paths("\n".join([*lines, message]))[-MAX_TRACEBACK:], _innermost_program(files), functions
+        )
     return None
 
 

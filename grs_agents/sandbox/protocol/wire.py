@@ -1,7 +1,7 @@
 """Length-prefixed JSON frames between host and worker, read with suspicion: a worker may send anything.
 
-What a worker sends once it has its request is sealed: a frame begins with its number and a tag, keyed BLAKE2b over
-number and body. So bytes that something else in the worker writes to the pipe end the call, and become no result.
+After its request, a worker's frames are sealed: a frame begins with its number and a tag, keyed BLAKE2b over number and
+body. So foreign bytes in the pipe end the call, and become no result.
 
 Orders go from the host to a zygote, and from a zygote to a waiting worker: serve a call, with these descriptors.
 """
@@ -26,8 +26,8 @@ _ENCODER = json.JSONEncoder(allow_nan=False, ensure_ascii=False)
 MAX_BODY = 256 << 20
 """Bytes of the longest frame, the largest output limit there is."""
 MAX_MARKS = 500_000
-"""Brackets and commas in all frames of one call. Each stands for up to 240 bytes of Python (a member of an object):
-this many are 120 MB."""
+"""Brackets and commas in all frames of a call. Each costs up to 240 bytes of Python (a member of an object), together
+120 MB."""
 MAX_DEPTH = 64
 """Levels of nesting in a frame. JSON takes 1,000, pydantic and the checkpoint's format give up at 255 and 512."""
 _STRING = re.compile(rb'"[^"\\]*+(?:\\.[^"\\]*+)*+"', re.DOTALL)
@@ -39,11 +39,11 @@ class FrameError(ValueError):
 
 
 class ForgedFrameError(FrameError):
-    """A frame that whoever holds the key did not send, or not in this place."""
+    """A frame that the holder of the key did not send, or not in this place."""
 
 
 def new_key() -> str:
-    """A fresh key for the frames of one call, as hexadecimal digits."""
+    """A fresh key for the frames of a call, as hexadecimal digits."""
     return secrets.token_hex(32)
 
 
@@ -54,23 +54,27 @@ def encode(frame: Mapping[str, Any]) -> bytes:
 
 
 def sign_frame(plain: bytes, key: bytes, number: int) -> bytes:
-    """What ``encode`` returned, sealed as frame ``number`` (from 0) of the call that ``key`` was made for."""
+    """The result of ``encode``, sealed as frame ``number`` (from 0) of the call that ``key`` was made for."""
     body = plain[_HEADER.size :]
     return _HEADER.pack(_SEAL.size + len(body)) + _SEAL.pack(number, _compute_frame_mac(key, number, body)) + body
 
 
 def extract_json_punctuation(body: bytes) -> bytes:
-    """The brackets and commas of a JSON text, those in its strings left out: they tell its size before it is parsed."""
+    """The brackets and commas of a JSON text outside of its strings: they bound its size before it is parsed."""
     return _NO_MARK.sub(b"", _STRING.sub(b"", body))
 
 
 def decode(body: bytes, shape: bytes) -> dict[str, Any]:
-    """The object in the body of one frame, ``shape`` being its ``extract_json_punctuation``.
+    """Parse the body of a frame, ``shape`` being its ``extract_json_punctuation``.
 
     ``FrameError`` if it is not UTF-8, not JSON, not an object, nested too deeply, or has numbers or text that no later
     file can hold.
     """
-    if _nesting_depth(shape) > MAX_DEPTH:
+    depth = deepest = 0
+    for mark in shape.replace(b",", b""):
+        depth += 1 if mark in b"[{" else -1
+        deepest = max(deepest, depth)
+    if deepest > MAX_DEPTH:
         raise FrameError(f"not plain JSON: nested more than {MAX_DEPTH} levels deep")
     try:
         text = body.decode("utf-8")
@@ -82,14 +86,6 @@ def decode(body: bytes, shape: bytes) -> dict[str, Any]:
     if not isinstance(frame, dict):
         raise FrameError(f"a frame is an object, not {type(frame).__name__}")
     return cast(dict[str, Any], frame)
-
-
-def _nesting_depth(shape: bytes) -> int:
-    depth = deepest = 0
-    for mark in shape.replace(b",", b""):
-        depth += 1 if mark in b"[{" else -1
-        deepest = max(deepest, depth)
-    return deepest
 
 
 class FrameReader:
@@ -110,11 +106,11 @@ class FrameReader:
         return list(self.iterate_frames(data))
 
     def iterate_frames(self, data: bytes) -> Iterator[dict[str, Any]]:
-        """The frames that ``data`` completes, one by one: those before a faulty one count.
+        """Yield the frames that ``data`` completes, one after another: frames before a faulty frame count.
 
         Raises:
             ForgedFrameError: a frame with a wrong seal, out of turn, or sent twice.
-            FrameError: a body that is not plain JSON. What follows either in the stream is worthless.
+            FrameError: a body that is not plain JSON. The stream is worthless after either.
         """
         self._buffer += data
         while len(self._buffer) >= _HEADER.size:
@@ -179,24 +175,24 @@ _DECODER = json.JSONDecoder(
 
 
 READY = b"ready"
-"""What a zygote and a worker say once their imports are done."""
+"""Message of a zygote or worker after its imports."""
 _BYTES = 1024
-"""Every order is padded to so many bytes, since stream sockets, which every system has, keep no borders."""
+"""Size of every order, padded, since stream sockets keep no message boundaries."""
 
 
-class Order(Frozen):
-    """One call to serve."""
+class CallOrder(Frozen):
+    """An order to serve a call."""
 
     slot: int  # the number of its scratch folder
-    limits: Limits  # what it may cost
+    limits: Limits  # on its cost
 
 
-def send_order(channel: socket.socket, order: Order, descriptors: Sequence[int]) -> None:
-    """Send ``order`` along with copies of ``descriptors``; ``OSError`` if nobody listens any more."""
+def send_order(channel: socket.socket, order: CallOrder, descriptors: Sequence[int]) -> None:
+    """Send ``order`` along with copies of ``descriptors``; ``OSError`` if the other end is closed."""
     socket.send_fds(channel, [order.model_dump_json().encode().ljust(_BYTES)], list(descriptors))
 
 
-def receive_order(channel: socket.socket, count: int) -> tuple[Order, list[int]] | None:
+def receive_order(channel: socket.socket, count: int) -> tuple[CallOrder, list[int]] | None:
     """Wait for the next order and its ``count`` descriptors; None once the other end is closed."""
     data, descriptors, _, _ = socket.recv_fds(channel, _BYTES, count)
     while len(data) < _BYTES:
@@ -204,4 +200,4 @@ def receive_order(channel: socket.socket, count: int) -> tuple[Order, list[int]]
         if not more:
             return None
         data += more
-    return Order.model_validate_json(data), descriptors
+    return CallOrder.model_validate_json(data), descriptors

@@ -1,8 +1,11 @@
-"""What a robot arm can do: bring the suction cup to poses within its joints' limits, and keep clear of itself.
-``Arm`` serves any serial arm of hinges and slides by numbers (damped least squares on MuJoCo's Jacobian); an arm whose
-kinematics have a closed form overrides ``solve_ik_tool_down``, ``solve_ik_for_poses`` and ``reachable_mask``."""
+"""Robot arms: inverse kinematics for the suction cup within joint limits, reach, and self-collision.
+
+``Arm`` serves any serial arm of hinges and slides numerically (damped least squares on MuJoCo's Jacobian); an arm with
+closed-form kinematics overrides ``solve_ik_tool_down``, ``solve_ik_for_poses`` and ``reachable_mask``.
+"""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final
 
@@ -21,32 +24,102 @@ from grs_agents.sim.arms.joint_paths import (
     hermite_spline_points,
     rotations_about_z,
 )
-from grs_agents.sim.arms.reach_table import ReachTable, build_reach_table
+
+_RADII: Final = np.arange(0.14, 1.2, 0.025)
+_HEIGHTS: Final = np.concatenate([[0.001], np.arange(0.05, 0.71, 0.06)])
+_BEARINGS: Final = np.linspace(-np.pi / 2, np.pi / 2, 13)
+_EXPLORING: Final = 25
+
+
+@dataclass(frozen=True)
+class ReachTable:
+    """Reach with the tool straight down, on a grid about the base axis."""
+
+    served: npt.NDArray[np.bool_]  # (bearings, radii, heights); a single bearing stands for all
+    bearings: tuple[float, float]  # lowest and highest bearing that the base allows, radians
+
+    @property
+    def reachable_radius_range(self) -> tuple[float, float]:
+        """Least and greatest radius served at any bearing and height, metres."""
+        radii = _RADII[self.served.any(axis=(0, 2))]
+        return (float(radii.min()), float(radii.max())) if len(radii) else (0.0, 0.0)
+
+    def __call__(self, tips: FloatArray) -> npt.NDArray[np.bool_]:
+        """Mask of the points (N, 3) in a cell whose corners are all served."""
+        bearing, radius = np.arctan2(tips[:, 1], tips[:, 0]), np.hypot(tips[:, 0], tips[:, 1])
+        inside = (bearing >= self.bearings[0]) & (bearing <= self.bearings[1])
+        inside &= (radius >= _RADII[0]) & (radius <= _RADII[-1])
+        inside &= (tips[:, 2] >= 0.0) & (tips[:, 2] <= _HEIGHTS[-1])
+        r = (np.searchsorted(_RADII, radius, side="right") - 1).clip(0, len(_RADII) - 2)
+        h = (np.searchsorted(_HEIGHTS, tips[:, 2], side="right") - 1).clip(0, len(_HEIGHTS) - 2)
+        b = (np.searchsorted(_BEARINGS, bearing, side="right") - 1).clip(0, len(_BEARINGS) - 2)
+        if len(self.served) == 1:
+            b = np.zeros_like(b)
+        corners = [(b, r + i, h + j) for i in (0, 1) for j in (0, 1)]
+        if len(self.served) > 1:
+            corners += [(b + 1, r + i, h + j) for i in (0, 1) for j in (0, 1)]
+        for corner in corners:
+            inside &= self.served[corner]
+        return inside
+
+
+def build_reach_table(posture: ArmModel, home: FloatArray) -> ReachTable:
+    """Solve the arm's inverse kinematics on the grid, each point from a neighbour that was served."""
+    turning = posture.has_vertical_base_hinge()
+    bearings = np.zeros(1) if turning else _BEARINGS
+    served = np.array([_reachable_cells_at_bearing(float(bearing), posture, home) for bearing in bearings])
+    low, high = (posture.low[0] - home[0], posture.high[0] - home[0]) if turning else (-np.pi / 2, np.pi / 2)
+    return ReachTable(served, (float(low), float(high)))
+
+
+def _reachable_cells_at_bearing(bearing: float, posture: ArmModel, home: FloatArray) -> npt.NDArray[np.bool_]:
+    """Mask (R, H) of the radii and heights that the arm serves at a bearing (rad)."""
+    tool = rotations_about_z(np.array([bearing]))[0] @ DOWN
+    served = np.zeros((len(_RADII), len(_HEIGHTS)), dtype=bool)
+    nearer: dict[int, FloatArray] = {}  # joint positions at the previous radius, by index of the height
+    for row, radius in enumerate(_RADII):
+        above: FloatArray | None = None
+        before, nearer = nearer, dict[int, FloatArray]()
+        for column in reversed(range(len(_HEIGHTS))):
+            point = np.array([radius * np.cos(bearing), radius * np.sin(bearing), _HEIGHTS[column]])
+            near = (above, *(before.get(column + step) for step in (0, 1, -1)))
+            start = next((joints for joints in near if joints is not None), None)
+            if start is None and served.any():
+                continue
+            above = posture.solve_ik(point, tool, home if start is None else start, home, _EXPLORING)
+            if above is not None and posture.first_collision_along(above[None]) is not None:
+                above = None
+            if above is not None:
+                served[row, column], nearer[column] = True, above
+    return served
+
 
 HOME: Final[Vec3] = (0.35, 0.0, 0.42)
-"""Where the tip waits if the arm can bring it there, metres."""
+"""Preferred position of the waiting tip, metres."""
 _HOMES: Final = (HOME, (0.4, 0.0, 0.3), (0.5, 0.0, 0.3), (0.3, 0.0, 0.3), (0.5, 0.0, 0.2), (0.3, 0.0, 0.15))
 _NEAR: Final = 0.2
 
 
 class Arm:
-    """A serial arm whose base is at the origin of the robot frame, with the suction cup at its end.
-    ``add`` adds its bodies, joints (in their order from the base on), one position actuator a joint, the body ``cup``
-    and the site ``tip`` to a world. It works near the joint angles ``guess`` (dof,)."""
+    """A serial arm with its base at the origin of the robot frame and the suction cup at its end.
 
-    nearest: float  # from the base axis to where the tip can be brought, tool down, metres; for words only
+    ``add`` adds its bodies, joints (from the base on), a position actuator per joint, the body ``cup`` and the site
+    ``tip`` to a spec. Solutions are sought near the joint positions ``guess`` (dof,).
+    """
+
+    nearest: float  # reach of the tip from the base axis, tool down, metres; for messages only
     farthest: float
-    solves_rows_alone = False  # whether a row of ``solve_ik_tool_down`` depends on those before it by whole turns alone
-    maker_speeds: FloatArray | None = None  # the greatest speeds (dof,) of the joints by the maker's data sheet, rad/s
+    solves_rows_alone = False  # whether rows of ``solve_ik_tool_down`` depend on earlier rows by whole turns alone
+    maker_speeds: FloatArray | None = None  # greatest joint speeds (dof,) of the data sheet, rad/s
 
-    looks: tuple[Solid, ...] = ()  # that a drawn model shows in place of its geoms; none: these are its looks
+    looks: tuple[Solid, ...] = ()  # shown by a rendered model in place of the geoms; empty: the geoms
 
     def __init__(self, name: str, add: Callable[[Any], None], guess: FloatArray) -> None:
         self.name, self.add = name, add
         self._guess = guess
 
     def __getattr__(self, name: str) -> float:
-        """``nearest`` and ``farthest``, from the table of reach, when they are first asked for."""
+        """``nearest`` and ``farthest``, computed from the reach table on first access."""
         if name not in ("nearest", "farthest"):
             raise AttributeError(name)
         self.nearest, self.farthest = self._reachability_grid.reachable_radius_range
@@ -79,7 +152,7 @@ class Arm:
 
     @property
     def dof(self) -> int:
-        """How many joints it has."""
+        """Number of joints."""
         return len(self.home_joints)
 
     @property
@@ -94,21 +167,21 @@ class Arm:
 
     @cached_property
     def joint_speed_limits(self) -> FloatArray:
-        """The greatest speeds (dof,) of the joints, rad/s, or m/s of a slide. MJCF has no word for them, so an arm
-        whose maker's figures are not known takes the usual ones of a light arm: half a turn, or a metre, a second."""
+        """Greatest joint speeds (dof,), rad/s, or m/s of a slide. MJCF has none, so an arm without a data sheet takes
+        typical values of a light arm: half a turn, or a metre, a second."""
         return np.where(self._arm_model.slides, 1.0, np.pi) if self.maker_speeds is None else self.maker_speeds
 
     def inertia_matrix(self, joints: FloatArray) -> FloatArray:
-        """The inertia (dof, dof) that the joints feel at positions (dof,), with nothing on the cup."""
+        """Joint-space inertia (dof, dof) at positions (dof,), with nothing on the cup."""
         return self._arm_model.inertia_matrix(joints)
 
     @property
     def link_names(self) -> tuple[str, ...]:
-        """Names of its bodies, the cup last."""
+        """Names of the bodies, the cup last."""
         return self._arm_model.links
 
     def tip_pose(self, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Position (3,) of the tip, m, and its rotation (3, 3) from the tool straight down at joints (dof,)."""
+        """Position (3,) of the tip, m, and its rotation (3, 3) from the tool straight down, at joints (dof,)."""
         return self._arm_model.tip_pose(joints)
 
     def tip_poses(self, path: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -116,44 +189,44 @@ class Arm:
         return self._arm_model.tip_poses(path)
 
     def solve_ik_tool_down(self, tips: FloatArray, yaws: FloatArray, seed: FloatArray | None = None) -> FloatArray:
-        """Joint positions (N, dof) along a path of the tip (N, 3; m), tool down: continuous, NaN where the arm cannot.
-        The ``yaws`` (N,) are not wrapped, so that a path may turn on and on. It begins at ``seed``, None for home."""
+        """Continuous joint positions (N, dof) along a path of the tip (N, 3; m), tool down; NaN where unreachable.
+        The ``yaws`` (N,) are not wrapped, so that a path may turn on and on. It starts at ``seed``, None for home."""
         return self.solve_ik_for_poses(tips, rotations_about_z(yaws), seed)
 
     def solve_ik_for_poses(self, tips: FloatArray, rotations: FloatArray, seed: FloatArray | None = None) -> FloatArray:
-        """As ``solve_ik_tool_down``, the tool turned by ``rotations`` (N, 3, 3) from straight down: it may tilt."""
+        """As ``solve_ik_tool_down``, with the tool rotated by (N, 3, 3) from straight down: it may tilt."""
         joints = self.home_joints if seed is None else seed
-        rows, found = choose_waypoint_indices(tips, rotations), list[FloatArray]()
+        rows, solutions = choose_waypoint_indices(tips, rotations), list[FloatArray]()
         for index, row in enumerate(rows):
-            ahead = joints if index < 2 else 2 * found[-1] - found[-2]
+            ahead = joints if index < 2 else 2 * solutions[-1] - solutions[-2]
             solved = self._arm_model.solve_ik(
                 tips[row], rotations[row] @ DOWN, ahead, self.home_joints, 60 if index else 200
             )
             if solved is None or (index and float(np.abs(solved - joints).max()) > 1.0):
                 return np.full((len(tips), self.dof), np.nan)
-            found.append(solved)
+            solutions.append(solved)
             joints = solved
-        return hermite_spline_points(np.array(found), rows, len(tips))
+        return hermite_spline_points(np.array(solutions), rows, len(tips))
 
     def reachable_mask(self, tips: FloatArray) -> npt.NDArray[np.bool_]:
-        """Which of the points (N, 3) the tip can be brought to, tool down, clear of the table and of itself."""
+        """Mask of the points (N, 3) that the tip can reach, tool down, clear of the table and of the arm itself."""
         return self._reachability_grid(tips)
 
     def can_reach_point(self, tip: Vec3) -> bool:
-        """Whether the arm can bring the tip to one point, tool down."""
+        """Whether the tip can reach a point, tool down."""
         return bool(self.reachable_mask(np.array([tip], dtype=np.float64))[0])
 
     def is_path_within_limits(self, path: FloatArray) -> bool:
         """Whether joint positions (N, dof) are all finite and within the limits."""
-        low, high = path.min(axis=0), path.max(axis=0)  # NaN where any is, which no comparison holds for
+        low, high = path.min(axis=0), path.max(axis=0)  # NaN if any row is, which fails both comparisons
         return bool(((low >= self.lower_joint_limits - 1e-6) & (high <= self.upper_joint_limits + 1e-6)).all())
 
     def find_collision_at_joints(self, joints: FloatArray) -> Collision | None:
-        """What of the arm meets the table or itself at joint positions (dof,)."""
+        """The first collision of the arm with the table or itself at joint positions (dof,)."""
         return self._arm_model.first_collision_along(joints[None])
 
     def first_collision_along(self, path: FloatArray) -> Collision | None:
-        """Where the arm first meets the table or itself along joint positions (N, dof), seen every ``_NEAR`` rad."""
+        """The first such collision along joint positions (N, dof), checked every ``_NEAR`` rad."""
         travel = np.zeros(len(path))
         np.abs(path[1:] - path[:-1]).max(axis=1).cumsum(out=travel[1:])
         count = max(2, int(np.ceil(travel[-1] / _NEAR)) + 1)

@@ -1,4 +1,4 @@
-"""An arm's MJCF file and what it names, kept beside the tasks that it solves: they can be moved and handed on."""
+"""Copies of an arm's MJCF file and its dependencies beside the tasks it solves, which can then be moved."""
 
 from pathlib import Path
 from typing import Final
@@ -9,15 +9,15 @@ from grs_agents.base.mujoco_import import mujoco
 from grs_agents.sim.arms.robot_file_check import check_robot_file
 
 ROBOT_FOLDER: Final = "robot"
-"""The folder of a run that has them."""
+"""Folder of a run that holds the copy."""
 
 
 def copy_arm_files(source: Path, folder: Path) -> Path | None:
-    """Copy an arm's file, and the files that it names, into ``folder``, laid out as they were.
+    """Copy an arm's file and its dependencies into ``folder``, in their relative layout.
 
     Returns:
-        The copy of the arm's file; None where it is no MJCF, a file is missing or lies outside the arm's own folder, or
-        is named by its absolute path: such an arm stays where it is.
+        The copy of the arm's file; None if it is no MJCF, a dependency is missing, lies outside the arm's folder, or is
+        named by an absolute path: such an arm stays in place.
     """
     try:
         check_robot_file(source)
@@ -32,6 +32,6 @@ def copy_arm_files(source: Path, folder: Path) -> Path | None:
 
 
 def find_arm_file(folder: Path, robot: str) -> str:
-    """The arm that a run in ``folder`` was made with: its own copy of the file, where it has one."""
+    """The arm of a run in ``folder``: the run's copy of the file, if there is any."""
     copied = folder.resolve() / ROBOT_FOLDER / Path(robot).name
     return str(copied) if Path(robot).suffix and copied.is_file() else robot

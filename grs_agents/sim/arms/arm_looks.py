@@ -1,6 +1,6 @@
-"""What our arms look like: round solids on their links, of the makers' published dimensions, that are only seen.
+"""Looks of the shipped arms: round solids on their links, by the makers' published dimensions, for rendering only.
 
-A model that is drawn shows them in place of the capsules that touch things; a simulated one never has them.
+A rendered model shows them in place of the collision capsules; a simulated model never has them.
 """
 
 from collections.abc import Sequence
@@ -13,15 +13,15 @@ from grs_agents.base.mujoco_import import mujoco
 LINK_COLOR: Final = (0.84, 0.85, 0.86, 1.0)
 JOINT_COLOR: Final = (0.34, 0.44, 0.55, 1.0)
 _CAP: Final = 0.008
-"""How far the cap of a joint stands out, metres."""
+"""Protrusion of a joint's cap, metres."""
 _GROUP: Final = 1
 
 
 @dataclass(frozen=True)
 class Solid:
-    """A round solid of a link: a cylinder, or a capsule whose ends are half balls around ``start`` and ``end``."""
+    """A round solid of a link: a cylinder, or a capsule with half balls around ``start`` and ``end``."""
 
-    body: str  # whose frame it is in; "world" for what stands still
+    body: str  # frame of the solid; "world" for the fixed base
     kind: Literal["cylinder", "capsule"]
     start: Vec3  # metres
     end: Vec3
@@ -35,7 +35,7 @@ def tube(body: str, start: Vec3, end: Vec3, radius: float) -> tuple[Solid, ...]:
 
 
 def housing(body: str, start: Vec3, end: Vec3, radius: float, caps: str) -> tuple[Solid, ...]:
-    """A joint's housing from ``start`` to ``end``, m; a cap stands out where ``caps`` names "start", "end" or both."""
+    """A joint's housing from ``start`` to ``end``, m, with caps at the ends that ``caps`` names."""
     length = sum((b - a) ** 2 for a, b in zip(start, end, strict=True)) ** 0.5
     step = [_CAP * (b - a) / length for a, b in zip(start, end, strict=True)]
     solids = [Solid(body, "cylinder", start, end, radius)]
@@ -52,7 +52,7 @@ def ring(body: str, start: Vec3, end: Vec3, radius: float) -> tuple[Solid, ...]:
 
 
 def set_arm_visuals(spec: Any, looks: Sequence[Solid]) -> None:
-    """Show an arm in ``spec``, which is only drawn, by ``looks``; its tool and the bodies without looks stay as is."""
+    """Replace the geoms of an arm's bodies in a rendered ``spec`` by ``looks``; other bodies and the tool stay."""
     bodies = {solid.body for solid in looks} - {"world", "cup"}
     for name in bodies:
         for geom in list(spec.body(name).geoms):

@@ -1,4 +1,4 @@
-"""An arm on its own in MuJoCo: where its joints bring the tip, and whether it meets the table or itself."""
+"""An arm alone in MuJoCo: forward and inverse kinematics, and collisions with the table and itself."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -11,19 +11,19 @@ from grs_agents.base.mujoco_import import mujoco
 from grs_agents.sim.arms.arm_parts import DOWN
 
 _TOLERANCE: Final = 1e-4
-"""Metres and radians: nearer than this to a pose is there."""
+"""Convergence tolerance, metres and radians."""
 _DAMPING: Final = 1e-4
 _HOMEWARD: Final = 0.05
 _STALLED: Final = 1e-6
-"""Radians or metres: where every joint moves less in an iteration, more of them bring nothing."""
+"""Change of the joints per iteration below which the solver has stalled, radians or metres."""
 _LONGEST: Final = 0.35
-"""Radians that a joint moves at most in one iteration."""
+"""Largest change of a joint per iteration, radians."""
 _FLOOR: Final = "world"
 
 
 @dataclass(frozen=True)
 class Collision:
-    """Two parts that meet: their names, and by how much they overlap (m)."""
+    """Two colliding bodies: their names and penetration depth (m)."""
 
     first: str
     second: str
@@ -35,7 +35,7 @@ class Collision:
 
 
 class ArmModel:
-    """A compiled arm with nothing but the table; ``apart`` are pairs of bodies that touch by design."""
+    """A compiled arm above the table; ``apart`` are pairs of bodies that touch by design."""
 
     def __init__(self, add: Callable[[Any], None], apart: Sequence[tuple[str, str]] = ()) -> None:
         spec = mujoco.MjSpec()
@@ -65,7 +65,7 @@ class ArmModel:
         return upright and int(model.jnt_type[0]) == int(mujoco.mjtJoint.mjJNT_HINGE)
 
     def tip_pose(self, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Position (3,) of the tip and its rotation (3, 3) from the tool straight down."""
+        """Position (3,) of the tip, m, and its rotation (3, 3) from the tool straight down."""
         self._data.qpos[:] = joints
         mujoco.mj_kinematics(self._model, self._data)
         tool = np.array(self._data.site_xmat[self._site]).reshape(3, 3)
@@ -83,7 +83,7 @@ class ArmModel:
         return positions, tools.reshape(-1, 3, 3) @ DOWN
 
     def inertia_matrix(self, joints: FloatArray) -> FloatArray:
-        """The inertia (dof, dof) that the joints feel at positions (dof,): kg m^2, or kg of a slide."""
+        """Joint-space inertia (dof, dof) at positions (dof,): kg m^2, or kg of a slide."""
         model, data = self._model, self._data
         data.qpos[:] = joints
         mujoco.mj_kinematics(model, data)
@@ -96,9 +96,11 @@ class ArmModel:
     def solve_ik(
         self, tip: FloatArray, tool: FloatArray, start: FloatArray, rest: FloatArray, iterations: int
     ) -> FloatArray | None:
-        """Joint positions (dof,) within limits that bring the tip to a pose (position in m, rotation (3, 3)), or None.
-        Damped least squares from ``start``; what freedom the pose leaves draws the joints towards ``rest``. The z axis
-        of the tip points out of the cup."""
+        """Joint positions (dof,) within limits for a pose of the tip (position in m, rotation (3, 3)), or None.
+
+        Damped least squares from ``start``; the null space draws the joints towards ``rest``. The z axis of the tip
+        points out of the cup.
+        """
         model, data, jacobian = self._model, self._data, self._jacobian
         joints = np.clip(start, self.low, self.high)
         wanted, present, turn, error = np.empty(4), np.empty(4), np.empty(4), np.empty(6)
@@ -121,12 +123,12 @@ class ArmModel:
             change = homeward + jacobian.T @ np.linalg.solve(square, error - jacobian @ homeward)
             change *= min(1.0, _LONGEST / max(float(np.abs(change).max()), 1e-9))
             before, joints = joints, np.clip(joints + change, self.low, self.high)
-            if float(np.abs(joints - before).max()) < _STALLED:  # as near as it comes from this start
+            if float(np.abs(joints - before).max()) < _STALLED:  # no closer from this start
                 return None
         return None
 
     def first_collision_along(self, path: FloatArray) -> Collision | None:
-        """The first row of joint positions (N, dof) at which the arm meets the table or itself, as a ``Collision``."""
+        """The collision at the first row of joint positions (N, dof) that has any."""
         model, data = self._model, self._data
         for row in path:
             data.qpos[:] = row
@@ -137,7 +139,7 @@ class ArmModel:
         return None
 
     def touching_body_pairs(self, joints: FloatArray) -> list[tuple[str, str]]:
-        """Pairs of bodies that meet at joint positions (dof,)."""
+        """Pairs of bodies in contact at joint positions (dof,)."""
         if self.first_collision_along(joints[None]) is None:
             return []
         return [(gap.first, gap.second) for gap in self._current_collisions()]
@@ -152,5 +154,5 @@ class ArmModel:
 
 
 def build_arm_model_ignoring_home_contacts(add: Callable[[Any], None], home: FloatArray) -> ArmModel:
-    """The arm on its own; parts that touch while it waits at ``home`` (dof,) touch by design and do not count."""
+    """The arm alone; contacts of its parts at ``home`` (dof,) are by design and do not count."""
     return ArmModel(add, ArmModel(add).touching_body_pairs(home))

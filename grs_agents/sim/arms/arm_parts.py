@@ -1,5 +1,5 @@
-"""Arms as MuJoCo bodies: serial chains of our own capsules, position actuators, and the tool at the tip. The tool is
-the suction cup that all arms share or, for tasks that push along the table, the spatula: a flat upright blade."""
+"""Arms as MuJoCo bodies: serial chains of capsules with position actuators, and the tool at the tip: the suction cup,
+or for pushing tasks the spatula, a flat upright blade."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ Capsule = tuple[Vec3, Vec3, float]
 
 @dataclass(frozen=True)
 class Link:
-    """One moving link of a serial arm and the hinge about its z axis that moves it."""
+    """A moving link of a serial arm, with its hinge about the z axis."""
 
     name: str
     position: Vec3  # metres, in the frame of the link before
@@ -37,7 +37,7 @@ class Link:
 
 
 def add_link_chain(spec: Any, links: Sequence[Link], flange: Vec3) -> None:
-    """Add links one on the other from the origin on, and the suction cup at ``flange`` (m) of the last."""
+    """Add a chain of links from the origin on, and the suction cup at ``flange`` (m) of the last link."""
     parent: Any = spec.worldbody
     for link in links:
         body = parent.add_body(name=link.name, pos=link.position, quat=quaternion_about_x(link.roll), gravcomp=1.0)
@@ -62,7 +62,7 @@ def add_link_chain(spec: Any, links: Sequence[Link], flange: Vec3) -> None:
 
 
 def quaternion_about_x(angle: float) -> tuple[float, float, float, float]:
-    """The quaternion (w, x, y, z) of a turn about x."""
+    """Quaternion (w, x, y, z) of a rotation about x."""
     return (float(np.cos(angle / 2)), float(np.sin(angle / 2)), 0.0, 0.0)
 
 
@@ -97,18 +97,18 @@ def add_suction_cup(flange: Any, position: Sequence[float], quaternion: Sequence
 
 
 DOWN: Final = np.diag([1.0, -1.0, -1.0])
-"""The rotation of the tool that points straight down, not turned."""
+"""Rotation of the tool pointing straight down, with zero yaw."""
 
 
 BLADE_WIDTH: Final = 0.10
 BLADE_HEIGHT: Final = 0.115
 BLADE_THICKNESS: Final = 0.005
 BLADE_BELOW_TIP: Final = 0.003
-"""How far the blade reaches below the tip, metres: a tip at the published 5 mm drags the edge 2 mm above the table."""
+"""Depth of the blade below the tip, metres: a tip at the published 5 mm drags the edge 2 mm above the table."""
 
 
 def replace_cup_with_spatula(spec: Any) -> None:
-    """Turn the suction cup of an arm in ``spec`` into a blade, across the tool's x axis, its edge below the tip."""
+    """Replace the suction cup in ``spec`` by a blade across the tool's x axis, its edge below the tip."""
     length = float(spec.site("tip").pos[2])
     blade, tool = spec.geom("cup"), spec.geom("tool")
     blade.type = mujoco.mjtGeom.mjGEOM_BOX

@@ -1,9 +1,9 @@
-"""The arm of a task folder, which may be a stranger's: a worker loads its file before this process does."""
+"""Check of an untrusted arm file, as in a task folder: a worker loads it before this process does."""
 
 from functools import lru_cache
 from pathlib import Path
 
-from grs_agents.sandbox.host.foreign_reader import READING, ForeignReader
+from grs_agents.sandbox.host.foreign_reader import ForeignReader
 
 _WORKER = "grs_agents.sim.arms.worker"
 
@@ -17,5 +17,5 @@ def check_foreign_robot(path: Path) -> None:
 
 @lru_cache(maxsize=64)
 def _check_once(path: Path, _changed: int, _size: int) -> None:
-    with ForeignReader([path.parent], [_WORKER], READING) as reader:
-        reader.read(_WORKER, {"robot": str(path)}, f"robot {path}")
+    with ForeignReader(_WORKER, [path.parent]) as reader:
+        reader.read({"robot": str(path)}, f"robot {path}")

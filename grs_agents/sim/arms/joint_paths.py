@@ -1,4 +1,4 @@
-"""Paths of the tip and of joints: where to solve them, and what lies between."""
+"""Paths of the tip and of joints: waypoints, splines, speed profiles and limits."""
 
 from typing import Final
 
@@ -8,30 +8,32 @@ import numpy.typing as npt
 from grs_agents.base.geometry.transforms import FloatArray
 
 WAYPOINT_STEPS: Final = 4
-"""Time steps between two way points of a planned path: 16 ms. What lies between is interpolated, smoothly."""
+"""Time steps between waypoints of a planned path: 16 ms, interpolated smoothly."""
 _SPACING: Final = 0.04
-"""Between two poses that are solved, metres; a radian of turning counts as 0.25 m."""
+"""Travel between two poses that are solved, metres."""
+TURN_RADIUS: Final = 0.25
+"""Travel that a radian of turning counts as, metres."""
 
 
 def choose_waypoint_indices(tips: FloatArray, rotations: FloatArray) -> npt.NDArray[np.intp]:
-    """The rows of a path of poses (N, 3), (N, 3, 3) that are to be solved; the first and the last among them."""
+    """Indices of the rows to solve in a path of poses (N, 3), (N, 3, 3), the first and last included."""
     if len(tips) == 1:
         return np.zeros(1, dtype=np.intp)
     steps = np.linalg.norm(np.diff(tips, axis=0), axis=1)
     cosine = np.einsum("nij,nij->n", rotations[1:], rotations[:-1]) / 2 - 0.5
-    travel = np.concatenate([[0.0], np.cumsum(steps + 0.25 * np.arccos(np.clip(cosine, -1.0, 1.0)))])
+    travel = np.concatenate([[0.0], np.cumsum(steps + TURN_RADIUS * np.arccos(np.clip(cosine, -1.0, 1.0)))])
     return evenly_spaced_indices(travel, max(2, int(np.ceil(travel[-1] / _SPACING)) + 1))
 
 
 def evenly_spaced_indices(travel: FloatArray, count: int) -> npt.NDArray[np.intp]:
-    """At most ``count`` rows, evenly spread over the distance travelled (N,) until each; first and last among them."""
+    """At most ``count`` indices, evenly spaced in distance travelled (N,), the first and last included."""
     rows: npt.NDArray[np.intp] = travel.searchsorted(np.arange(count) * (float(travel[-1]) / max(count - 1, 1)))
     rows[-1] = len(travel) - 1
     return rows[np.concatenate([[True], rows[1:] != rows[:-1]])]
 
 
 def hermite_spline_points(values: FloatArray, rows: npt.NDArray[np.intp], count: int) -> FloatArray:
-    """Rows (count, D) of a smooth curve through ``values`` (K, D) at ``rows`` (K,): a cubic Hermite spline."""
+    """Cubic Hermite spline (count, D) through ``values`` (K, D) at rows (K,)."""
     if len(rows) == 1:
         return np.repeat(values, count, axis=0)
     slopes = np.gradient(values, rows.astype(np.float64), axis=0)
@@ -51,7 +53,7 @@ def hermite_spline_points(values: FloatArray, rows: npt.NDArray[np.intp], count:
 
 
 def trapezoidal_profile(samples: int, ramp: float) -> FloatArray:
-    """Shares (samples,) of a way, 0..1, at an even speed but for a share ``ramp`` of the time at either end."""
+    """Trapezoidal profile: shares (samples,) of a path, 0..1, with ramps of a share ``ramp`` of the time."""
     time = np.arange(samples) * (1.0 / max(samples - 1, 1))
     start, end = np.minimum(time, ramp), np.minimum(1 - time, ramp)
     gone: FloatArray = (start * start - end * end) / (2 * ramp) + (ramp / 2)
@@ -60,7 +62,7 @@ def trapezoidal_profile(samples: int, ramp: float) -> FloatArray:
 
 
 def joint_speeds(path: FloatArray, timestep: float) -> FloatArray:
-    """How fast each joint moves (N, D) along positions (N, D), one row each ``timestep`` (s)."""
+    """Joint speeds (N, D) along positions (N, D), a row per ``timestep`` (s), by central differences."""
     speeds = np.zeros(path.shape)
     if len(path) > 1:
         steps = (path[1:] - path[:-1]) / timestep
@@ -70,7 +72,7 @@ def joint_speeds(path: FloatArray, timestep: float) -> FloatArray:
 
 
 def slow_to_speed_limits(path: FloatArray, timestep: float, limits: FloatArray) -> FloatArray:
-    """The path (N, D), one row each ``timestep`` (s), spread over so many that no joint exceeds its limit (D,)."""
+    """The path (N, D), a row per ``timestep`` (s), stretched in time until no joint exceeds its limit (D,)."""
     if len(path) < 2:
         return path
     excess = float((np.abs(path[1:] - path[:-1]).max(axis=0) / (limits * timestep)).max())
@@ -85,13 +87,13 @@ def slow_to_speed_limits(path: FloatArray, timestep: float, limits: FloatArray) 
 def between_waypoints(
     start: FloatArray, end: FloatArray, leaving: FloatArray, arriving: FloatArray, share: FloatArray | float
 ) -> FloatArray:
-    """Joint positions at a ``share`` (0..1) of the time between two that are passed at so much a way point."""
+    """Cubic Hermite interpolation at a ``share`` (0..1) between waypoints passed at given rates per waypoint."""
     way, rest = end - start, 1 - share
     return start + share * way + share * rest * (rest * (leaving - way) - share * (arriving - way))
 
 
 def rotations_about_z(angles: FloatArray) -> FloatArray:
-    """The rotations (N, 3, 3) about the vertical by ``angles`` (N,), radians."""
+    """Rotations (N, 3, 3) about the vertical by ``angles`` (N,), radians."""
     rotations = np.zeros((len(angles), 3, 3))
     rotations[:, 0, 0] = rotations[:, 1, 1] = np.cos(angles)
     rotations[:, 1, 0] = np.sin(angles)

@@ -1,41 +1,44 @@
-"""A user's own arm: an MJCF file with a serial chain of hinges and slides, to whose end the suction cup is fixed."""
+"""A user's own arm: an MJCF file with a serial chain of hinges and slides, extended by the suction cup."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from grs_agents.base.errors import InputError
-from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.base.mujoco_import import mujoco
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.arm_parts import ROBOT_CONTYPE, add_position_actuator, add_suction_cup
 from grs_agents.sim.arms.robot_file_check import check_robot_file
 
 TIPS: Final = ("tip", "tool0", "attachment_site", "ee", "end_effector", "flange", "tcp")
-"""Names of the site that the suction cup is fixed to, the first that is there; without any, the last body's frame."""
+"""Site names for the suction cup, in order of preference; without any, the frame of the last body."""
 _MOST_JOINTS: Final = 12
 _PREFIX: Final = "arm_"
 _STIFFNESS, _TORQUE = 3000.0, 200.0
 _QUARTERS: Final = (0.0, np.pi / 2, np.pi, -np.pi / 2)
-"""How the cup may be fixed, radians about its own axis: it is round, so any turn serves."""
+"""Mounting angles of the cup about its own axis, radians: it is round, so any of them works."""
 _ROOM: Final = np.pi / 2
-"""Radians that the last joint should have to both of its limits while the arm waits: then no other turn is tried."""
+"""Distance of the last joint from its limits at home, radians, that ends the search over mounting angles."""
 
 
 def load_arm(path: Path) -> Arm:
-    """The arm in an MJCF file; raises ``InputError`` for no serial arm, or one that cannot point down at the table."""
+    """The arm of an MJCF file; raises ``InputError`` if it is no serial arm or cannot point down at the table."""
     check_robot_file(path)
     spec = _parse_mjcf(path)
-    guess = _read_home_joints(spec, _find_joint_chain(spec, path), path)
-
+    chain = _find_joint_chain(spec, path)
+    try:
+        model = spec.compile()
+    except ValueError as error:
+        raise InputError(f"robot {path}: does not compile: {str(error)[:300]}", "mend what it names") from error
+    positions = model.key_qpos[0] if model.nkey else model.qpos0  # the first keyframe, else the joints' references
+    guess = np.array([float(positions[model.joint(joint.name).qposadr[0]]) for joint in chain])
     best: Arm | None = None
     refusal: InputError | None = None
     for turn in _QUARTERS:
         arm = Arm(str(path), lambda world, turn=turn: _attach_arm_to_world(world, _parse_mjcf(path), path, turn), guess)
         try:
-            arm.home_joints.setflags(write=False)  # looked for now, so that an arm of no use is refused before use
+            arm.home_joints.setflags(write=False)  # computed now, so that an unusable arm is refused early
         except InputError as error:
             refusal = refusal or error
             continue
@@ -50,7 +53,7 @@ def load_arm(path: Path) -> Arm:
 
 
 def _last_joint_limit_margin(arm: Arm) -> float:
-    """How far the last joint of the waiting arm is from the nearer of its limits, radians or metres."""
+    """Distance of the last joint at home from the nearer of its limits, radians or metres."""
     return float(
         min(arm.home_joints[-1] - arm.lower_joint_limits[-1], arm.upper_joint_limits[-1] - arm.home_joints[-1])
     )
@@ -66,7 +69,7 @@ def _parse_mjcf(path: Path) -> Any:
 
 
 def _find_tip_body_and_site(spec: Any, path: Path) -> tuple[Any, Any | None]:
-    """The body that carries the cup, and the site it is fixed to (None: the body's own frame)."""
+    """Body that carries the cup, and the site of the cup (None: the frame of the body)."""
     sites = {str(site.name): site for site in spec.sites}
     for name in TIPS:
         if name in sites:
@@ -78,7 +81,7 @@ def _find_tip_body_and_site(spec: Any, path: Path) -> tuple[Any, Any | None]:
 
 
 def _body_and_ancestors(body: Any) -> list[Any]:
-    """A body and those that carry it, without the world."""
+    """A body and its ancestors, without the world."""
     bodies: list[Any] = []
     while body is not None and str(body.name) != "world":
         bodies.append(body)
@@ -87,7 +90,7 @@ def _body_and_ancestors(body: Any) -> list[Any]:
 
 
 def _find_joint_chain(spec: Any, path: Path) -> list[Any]:
-    """The joints from the base to the tip."""
+    """Joints from the base to the tip; raises ``InputError`` if they are no serial arm."""
     carrier, site = _find_tip_body_and_site(spec, path)
     joints = [joint for body in reversed(_body_and_ancestors(carrier)) for joint in body.joints]
     where = f"site {site.name!r}" if site is not None else f"body {carrier.name!r}"
@@ -105,38 +108,20 @@ def _find_joint_chain(spec: Any, path: Path) -> list[Any]:
     return joints
 
 
-def _read_home_joints(spec: Any, chain: list[Any], path: Path) -> FloatArray:
-    """Joint positions of the file's first keyframe, else of the joints' references."""
-    try:
-        model = spec.compile()
-    except ValueError as error:
-        raise InputError(f"robot {path}: does not compile: {str(error)[:300]}", "mend what it names") from error
-    positions = model.key_qpos[0] if model.nkey else model.qpos0
-    return np.array([float(positions[model.joint(joint.name).qposadr[0]]) for joint in chain])
-
-
 def _attach_arm_to_world(world: Any, spec: Any, path: Path, turn: float) -> None:
-    """Add the arm without weight, its cup turned by ``turn`` (rad); what is off the chain stands still."""
+    """Add the weightless arm, its cup turned by ``turn`` (rad); bodies off the chain stay fixed."""
     chain = _find_joint_chain(spec, path)
     carrier, site = _find_tip_body_and_site(spec, path)
     names = [str(joint.name) for joint in chain]
-    torques = [_max_actuator_force(spec, name) for name in names]
+    torques = dict.fromkeys(names, _TORQUE)  # else the force limit of the joint's first actuator, N m or N
+    for actuator in reversed(list(spec.actuators)):
+        low, high = (float(bound) for bound in actuator.forcerange)
+        if str(actuator.target) in torques and high > max(low, 0.0):
+            torques[str(actuator.target)] = high
     place = (tuple(site.pos), tuple(site.quat)) if site is not None else ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
     quaternion = np.empty(4)
     mujoco.mju_mulQuat(quaternion, np.array(place[1]), np.array([np.cos(turn / 2), 0.0, 0.0, np.sin(turn / 2)]))
     carrier.name = carrier.name or "carrier"
-    _remove_non_arm_elements(spec, names)
-    for joint in chain:
-        _fill_missing_joint_values(joint, 360.0 if spec.compiler.degree else 2 * np.pi)
-    end = f"{_PREFIX}{carrier.name}"
-    world.attach(spec, prefix=_PREFIX, frame=world.worldbody.add_frame())
-    add_suction_cup(world.body(end), place[0], tuple(quaternion))
-    for name, torque in zip(names, torques, strict=True):
-        add_position_actuator(world, f"{_PREFIX}{name}", _STIFFNESS, torque)
-
-
-def _remove_non_arm_elements(spec: Any, names: Sequence[str]) -> None:
-    """Leave an arm's bodies and its joints of these names; bodies weigh nothing, solid geoms count as the robot's."""
     for elements in (spec.keys, spec.actuators, spec.sensors, spec.tendons, spec.equalities, spec.lights, spec.cameras):
         for element in list(elements):
             spec.delete(element)
@@ -148,21 +133,16 @@ def _remove_non_arm_elements(spec: Any, names: Sequence[str]) -> None:
     for geom in spec.geoms:
         solid = bool(geom.contype or geom.conaffinity)
         geom.group, geom.contype, geom.conaffinity = 1, ROBOT_CONTYPE if solid else 0, 0
-
-
-def _fill_missing_joint_values(joint: Any, turn: float) -> None:
-    """Give a joint limits and some inertia of its own where the file gives none."""
-    joint.armature = max(float(joint.armature), 0.05)
-    low, high = (float(bound) for bound in joint.range)
-    if low >= high:
-        joint.range = (-1.0, 1.0) if joint.type == mujoco.mjtJoint.mjJNT_SLIDE else (-turn, turn)
-    joint.limited = True
-
-
-def _max_actuator_force(spec: Any, joint: str) -> float:
-    """The greatest force of the file's actuator of a joint, N m or N."""
-    for actuator in spec.actuators:
-        low, high = (float(bound) for bound in actuator.forcerange)
-        if str(actuator.target) == joint and high > max(low, 0.0):
-            return high
-    return _TORQUE
+    full_turn = 360.0 if spec.compiler.degree else 2 * np.pi
+    for joint in chain:  # limits and armature where the file gives none
+        joint.armature = max(float(joint.armature), 0.05)
+        low, high = (float(bound) for bound in joint.range)
+        if low >= high:
+            slide = joint.type == mujoco.mjtJoint.mjJNT_SLIDE
+            joint.range = (-1.0, 1.0) if slide else (-full_turn, full_turn)
+        joint.limited = True
+    end = f"{_PREFIX}{carrier.name}"
+    world.attach(spec, prefix=_PREFIX, frame=world.worldbody.add_frame())
+    add_suction_cup(world.body(end), place[0], tuple(quaternion))
+    for name in names:
+        add_position_actuator(world, f"{_PREFIX}{name}", _STIFFNESS, torques[name])

@@ -1,4 +1,4 @@
-"""A Franka Emika Panda: published geometry, limits, masses and inertias, our own capsules."""
+"""The Franka Emika Panda: published geometry, limits, masses and inertias, our own collision capsules."""
 
 from typing import Any, Final
 
@@ -80,30 +80,28 @@ _LOOKS: Final = (
 """Along the published frames: flange 63 mm, the big joints about 0.11 m across."""
 
 
-def _make_link(index: int) -> Link:
-    a, d, quarters, low, high, torque, stiffness, mass, x, y, z = _JOINTS[index]
-    alpha = quarters * np.pi / 2
-    return Link(
-        name=f"link_{index + 1}",
-        position=(a, -float(np.sin(alpha)) * d, float(np.cos(alpha)) * d),
-        roll=alpha,
-        limits=(low, high),
-        torque=torque,
-        stiffness=stiffness,
-        mass=mass,
-        center=(x, y, z),
-        inertia=_INERTIAS[index],
-        capsules=_CAPSULES[index],
-    )
-
-
 class Panda(Arm):
     """Franka Emika's Panda, seven joints, with the suction cup in place of its hand."""
 
     looks, maker_speeds = _LOOKS, _SPEEDS
 
     def __init__(self) -> None:
-        links = tuple(_make_link(index) for index in range(len(_JOINTS)))
+        links: list[Link] = []
+        for index, (a, d, quarters, low, high, torque, stiffness, mass, x, y, z) in enumerate(_JOINTS):
+            alpha = quarters * np.pi / 2
+            link = Link(
+                name=f"link_{index + 1}",
+                position=(a, -float(np.sin(alpha)) * d, float(np.cos(alpha)) * d),
+                roll=alpha,
+                limits=(low, high),
+                torque=torque,
+                stiffness=stiffness,
+                mass=mass,
+                center=(x, y, z),
+                inertia=_INERTIAS[index],
+                capsules=_CAPSULES[index],
+            )
+            links.append(link)
 
         def add(spec: Any) -> None:
             add_link_chain(spec, links, _FLANGE)

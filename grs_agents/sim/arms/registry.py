@@ -1,4 +1,4 @@
-"""The robots there are, by the name that the configuration gives: ``ur5e``, ``panda``, or a user's MJCF file."""
+"""Robots by configured name: ``ur5e``, ``panda``, or the path of a user's MJCF file."""
 
 from functools import lru_cache
 from pathlib import Path
@@ -16,8 +16,8 @@ DEFAULT: Final = "ur5e"
 
 @lru_cache(maxsize=8)
 def get_arm(robot: str = DEFAULT) -> Arm:
-    """The arm of a name, or of a path to an MJCF file; made once in a process.
-    Raises ``UnknownNameError`` for an unknown name, ``InputError`` for a file that cannot be used."""
+    """The arm of a name or of an MJCF file, created once per process.
+    Raises ``UnknownNameError`` for an unknown name, ``InputError`` for an unusable file."""
     if robot in ROBOTS:
         return ROBOTS[robot]()
     if Path(robot).suffix.lower() not in (".xml", ".mjcf"):

@@ -1,5 +1,5 @@
-"""Robots' MJCF files, looked at before MuJoCo reads them: nothing in them multiplies itself, loads code, or lies
-outside the file's own folder. They come from strangers, as those of task folders do."""
+"""Safety check of robots' MJCF files before MuJoCo reads them: no element multiplies itself or loads code, and no file
+lies outside the robot's own folder. They may be untrusted, as those of task folders are."""
 
 import itertools
 from collections.abc import Iterator
@@ -14,14 +14,14 @@ from grs_agents.library.formats.model_file import check_xml_safety
 from grs_agents.library.mesh_files import read_png_size
 
 LARGEST: Final = 4_000_000
-"""Of an MJCF file, bytes; meshes count on their own."""
+"""Bytes of an MJCF file; meshes count separately."""
 _REFUSED: Final = {
     **dict.fromkeys(("replicate", "composite", "flexcomp", "attach", "model"), "write out what it stands for"),
     **dict.fromkeys(("plugin", "extension"), "remove it: plugins are code"),
     **dict.fromkeys(("deformable", "hfield"), "remove it: an arm is rigid and has no ground"),
     "lengthrange": "remove it: tendons and muscles of the file are not used",
 }
-"""Elements of a few letters that stand for any number of others, simulate while the file is compiled, or load code."""
+"""Short elements that expand to any number of others, simulate during compilation, or load code."""
 _FILES: Final = frozenset({"file", *(f"file{side}" for side in ("right", "left", "up", "down", "front", "back"))})
 _FOLDERS: Final = ("meshdir", "texturedir", "assetdir")
 _MOST: Final[dict[tuple[str, str], float]] = {
@@ -31,24 +31,24 @@ _MOST: Final[dict[tuple[str, str], float]] = {
     ("user", "dim"): 10_000,
     **{(sensor, "num"): 1_000 for sensor in ("contact", "tactile")},
 }
-"""The greatest number of an attribute that says how much memory an element takes."""
+"""Greatest value of an attribute that determines how much memory an element takes."""
 _MOST_PIXELS: Final = 67_108_864
-"""Of all textures, made or read: four of 4,096 x 4,096, as detailed arms have. MuJoCo keeps one for each element."""
+"""Pixels of all textures, built-in or read: four of 4,096 x 4,096, as detailed arms have; MuJoCo stores each apart."""
 _MOST_SIZE: Final = 1 << 30
-"""Of ``memory`` of a ``<size>``, bytes."""
+"""Greatest ``memory`` of a ``<size>``, bytes."""
 _MOST_COUNT: Final = 1_000_000
-"""Of its other attributes."""
+"""Greatest value of its other attributes."""
 _MOST_SAMPLES: Final = 1_000
 _MOST_ELEMENTS: Final = {"body": 500, "geom": 2_000}
 _MOST_ALL: Final = 20_000
 _MOST_INCLUDED: Final = 32
 _MOST_MESH: Final = 1 << 26
 _MOST_MESHES: Final = 1 << 28
-"""Bytes of one file that the robot names, and of all; those of the largest arm of MuJoCo's Menagerie have 40 MB."""
+"""Bytes of a single dependency, and of all; those of the largest arm of MuJoCo's Menagerie have 40 MB."""
 
 
 def check_robot_file(path: Path) -> None:
-    """See that MuJoCo may read an arm's file and all that it names.
+    """Check that MuJoCo may read an arm's file and all its dependencies.
 
     Raises:
         InputError: it cannot be read, is no XML, holds an element that multiplies itself or loads code, asks for more
@@ -58,7 +58,7 @@ def check_robot_file(path: Path) -> None:
 
 
 class _Check:
-    """One pass over a file and those that it includes."""
+    """A pass over a file and its includes."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.root = path, path.resolve().parent

@@ -1,9 +1,9 @@
-"""A UR5e: published masses, inertias and limits, our own capsules, joint angles in closed form.
+"""The UR5e: published masses, inertias and limits, our own collision capsules, closed-form inverse kinematics.
 
 Frames follow the published Denavit-Hartenberg parameters. The base is at the origin of the robot frame and the tip is
 the end of the suction cup. With the tool down the wrist's second joint stays at -90 degrees and the arm moves in a
-vertical plane that lies ``D4`` beside the base's axis: a planar problem with one elbow-up answer. Any other pose of
-the tool has up to eight answers: shoulder left or right, wrist up or down, elbow up or down.
+vertical plane, ``D4`` beside the base's axis: a planar problem with a single elbow-up solution. Any other pose of the
+tool has up to eight solutions: shoulder left or right, wrist up or down, elbow up or down.
 """
 
 import math
@@ -27,20 +27,20 @@ D5: Final = 0.0997
 D6: Final = 0.0996
 TURN: Final = 2 * np.pi
 _DOWN: Final = 1e-7
-"""Radians: a tool that leans by no more points straight down."""
+"""Largest tilt of a tool that counts as straight down, radians."""
 REACH: Final = 0.85
 """Nominal reach of the arm from its base axis, metres."""
 NEAREST: Final = 0.22
-"""Closer to the base axis than this the arm would fold into itself, metres."""
+"""Least distance from the base axis, metres: closer, the arm would fold into itself."""
 _SHOULDER: Final = 0.105
-"""Radii of the shoulder and the forearm together, with a little room, metres."""
+"""Clearance between the axes of shoulder and forearm: the sum of their radii and a margin, metres."""
 _SHOULDER_TO_ELBOW: Final = ((0.0, D1, np.pi / 2), (A2, 0.0, 0.0), (A3, 0.0, 0.0))
 LINKS: Final = (*_SHOULDER_TO_ELBOW, (0.0, D4, np.pi / 2), (0.0, D5, -np.pi / 2), (0.0, D6, 0.0))
 """(a, d, alpha) of each joint."""
 
 
 def solve_ik_tool_down(tips: FloatArray, yaws: FloatArray) -> FloatArray:
-    """Joint angles (N, 6) for tips (N, 3) and yaws (N,), tool down: continuous where the path is, NaN out of reach."""
+    """Continuous joint angles (N, 6) for tips (N, 3) and yaws (N,), tool down; NaN out of reach."""
     x, y = tips[:, 0], tips[:, 1]
     height = tips[:, 2] + TOOL_LENGTH + D6 - D1
     radius = np.hypot(x, y)
@@ -64,17 +64,17 @@ def solve_ik_tool_down(tips: FloatArray, yaws: FloatArray) -> FloatArray:
 
 
 def _elbow_cosine(forward: FloatArray, height: FloatArray) -> FloatArray:
-    """Of the elbow's angle for the wrist's place as the shoulder sees it (m); no angle has one beyond 1."""
+    """Cosine of the elbow angle for a wrist position from the shoulder (m), law of cosines; above 1: no solution."""
     return (forward * forward + height * height - (A2**2 + A3**2)) / (2 * A2 * A3)
 
 
 def _round_to_full_turns(angles: FloatArray) -> FloatArray:
-    """The multiples of a whole turn nearest to angles."""
+    """Nearest multiples of a full turn."""
     return TURN * np.rint(angles / TURN)
 
 
 def _solve_ik_branch(flange: FloatArray, tool: FloatArray, signs: tuple[float, ...]) -> FloatArray:
-    """One of the eight answers for flange positions (N, 3) and tool rotations (N, 3, 3); NaN where there is none."""
+    """A branch of the eight solutions for flange positions (N, 3) and tool rotations (N, 3, 3); NaN without any."""
     shoulder, flip, elbow = signs
     wrist = flange - D6 * tool[:, :, 2]
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -99,7 +99,7 @@ def _solve_ik_branch(flange: FloatArray, tool: FloatArray, signs: tuple[float, .
 
 
 def _joint_chain_transforms(angles: FloatArray, first: int) -> FloatArray:
-    """The frames (N, 4, 4) of a chain of joints (N, K), the first of them number ``first``."""
+    """Transforms (N, 4, 4) along joints (N, K), the first of them number ``first``."""
     frame = np.broadcast_to(np.eye(4), (len(angles), 4, 4))
     for column in range(angles.shape[1]):
         a, d, alpha = LINKS[first + column]
@@ -132,42 +132,14 @@ _LINKS: Final = np.loadtxt(
     0.365    0.0      0.0 -0.001159  28 1000   1.8694e-4    1.8908e-4    2.5756e-4      6e-8    -1.7e-7   -9.2e-7
     """.splitlines()
 ).tolist()
-"""The maker's figures for each link: mass (kg); its centre (m) in the Denavit-Hartenberg frame of the link; torque
+"""Data sheet of each link: mass (kg); its centre (m) in the Denavit-Hartenberg frame of the link; torque
 (N m) and stiffness (N m/rad) of the joint; inertia about the centre, xx, yy, zz, xy, xz, yz (kg m^2)."""
-
-
-def _make_links() -> tuple[Link, ...]:
-    links: list[Link] = []
-    position, roll = (0.0, 0.0, 0.0), 0.0
-    for index, (a, d, alpha) in enumerate(LINKS):
-        cos, sin = float(np.cos(alpha)), float(np.sin(alpha))
-        turn = np.array([[1.0, 0.0, 0.0], [0.0, cos, -sin], [0.0, sin, cos]])
-        mass, *center, torque, stiffness, xx, yy, zz, xy, xz, yz = _LINKS[index]
-        x, y, z = np.array([a, 0.0, d]) + turn @ np.asarray(center)
-        tensor = turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
-        half = np.pi if index == 2 else TURN
-        links.append(
-            Link(
-                name=_NAMES[index],
-                position=position,
-                roll=roll,
-                limits=(-half, half),
-                torque=torque,
-                stiffness=stiffness,
-                mass=mass,
-                center=(float(x), float(y), float(z)),
-                inertia=(*np.diag(tensor).tolist(), float(tensor[0, 1]), float(tensor[0, 2]), float(tensor[1, 2])),
-                capsules=(_CAPSULES[index],),
-            )
-        )
-        position, roll = (a, 0.0, d), alpha
-    return tuple(links)
 
 
 _BIG, _MIDDLE, _SMALL = 0.058, 0.048, 0.0375
 """Radii of the housings at the shoulder, the elbow and the wrist, metres."""
 _SIDE: Final = 0.138
-"""How far the upper arm lies beside the base's axis, metres."""
+"""Offset of the upper arm from the base's axis, metres."""
 _LOOKS: Final = (
     *ring("world", (0.0, 0.0, 0.0), (0.0, 0.0, 0.018), 0.0745),
     *tube("world", (0.0, 0.0, 0.018), (0.0, 0.0, 0.06), _BIG),
@@ -205,7 +177,30 @@ class UR5e(Arm):
     maker_speeds = np.full(6, np.pi)  # 180 degrees a second each, by the maker's data sheet
 
     def __init__(self) -> None:
-        links = _make_links()
+        links: list[Link] = []
+        position, roll = (0.0, 0.0, 0.0), 0.0
+        for index, (a, d, alpha) in enumerate(LINKS):
+            cos, sin = float(np.cos(alpha)), float(np.sin(alpha))
+            turn = np.array([[1.0, 0.0, 0.0], [0.0, cos, -sin], [0.0, sin, cos]])
+            mass, *center, torque, stiffness, xx, yy, zz, xy, xz, yz = _LINKS[index]
+            x, y, z = np.array([a, 0.0, d]) + turn @ np.asarray(center)
+            tensor = turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
+            half = np.pi if index == 2 else TURN
+            links.append(
+                Link(
+                    name=_NAMES[index],
+                    position=position,
+                    roll=roll,
+                    limits=(-half, half),
+                    torque=torque,
+                    stiffness=stiffness,
+                    mass=mass,
+                    center=(float(x), float(y), float(z)),
+                    inertia=(*np.diag(tensor).tolist(), float(tensor[0, 1]), float(tensor[0, 2]), float(tensor[1, 2])),
+                    capsules=(_CAPSULES[index],),
+                )
+            )
+            position, roll = (a, 0.0, d), alpha
 
         def add(spec: Any) -> None:
             add_link_chain(spec, links, (0.0, 0.0, D6))
@@ -213,7 +208,7 @@ class UR5e(Arm):
         super().__init__("ur5e", add, solve_ik_tool_down(np.array([HOME]), np.zeros(1))[0])
 
     def solve_ik_tool_down(self, tips: FloatArray, yaws: FloatArray, seed: FloatArray | None = None) -> FloatArray:
-        """As ``Arm.solve``, in closed form."""
+        """As ``Arm.solve_ik_tool_down``, in closed form."""
         joints = solve_ik_tool_down(tips, yaws)
         if seed is not None:
             ahead = (float(seed[5]) - float(joints[0, 5])) / TURN
@@ -223,7 +218,7 @@ class UR5e(Arm):
         return joints
 
     def tip_poses(self, path: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """As ``Arm.tip_poses``, in closed form where the tool points straight down all along."""
+        """As ``Arm.tip_poses``, in closed form if the tool points straight down all along."""
         base, shoulder, elbow, wrist, half, turn = path.T
         lean, right = shoulder + elbow + wrist + np.pi / 2, half + np.pi / 2
         if float(np.abs(lean).max()) > _DOWN or float(np.abs(right).max()) > _DOWN:
@@ -237,7 +232,7 @@ class UR5e(Arm):
         return tips, rotations_about_z(base + np.pi / 2 - turn)
 
     def solve_ik_for_poses(self, tips: FloatArray, rotations: FloatArray, seed: FloatArray | None = None) -> FloatArray:
-        """As ``Arm.solve_ik_for_poses``, in closed form: all rows on the one of eight branches nearest ``seed``."""
+        """As ``Arm.solve_ik_for_poses``, in closed form: all rows on the branch, of eight, that is nearest ``seed``."""
         if seed is None:
             seed = self.home_joints
         tool = rotations @ DOWN
@@ -257,7 +252,7 @@ class UR5e(Arm):
         return best
 
     def reachable_mask(self, tips: FloatArray) -> npt.NDArray[np.bool_]:
-        """As ``Arm.reachable``, in closed form, within the nominal reach."""
+        """As ``Arm.reachable_mask``, in closed form, within the nominal reach."""
         radius = np.hypot(tips[:, 0], tips[:, 1])
         inside = (radius >= NEAREST) & (radius <= REACH)
         forward = np.sqrt(np.maximum(radius**2 - D4**2, 0.0)) - D5

@@ -1,4 +1,4 @@
-"""The API reference for language models, made from signatures and docstrings so that it cannot go stale."""
+"""API reference for language models, generated from signatures and docstrings so that it cannot go stale."""
 
 import inspect
 from collections.abc import Callable
@@ -10,8 +10,8 @@ from grs_agents.sim.cliport.environment import Environment
 from grs_agents.sim.cliport.task import Task
 from grs_agents.sim.expert.oracle import Oracle
 from grs_agents.sim.instance import goal
-from grs_agents.sim.world import templates
 from grs_agents.sim.world.colors import COLORS
+from grs_agents.sim.world.context import PROCESS_CONTEXT
 
 _TASK = (
     "additional_reset",
@@ -27,15 +27,14 @@ _ENVIRONMENT = ("add_object", "find", "get_object_pose", "get_object_size", "set
 _GOALS = ("inside", "on", "stacked", "near", "aligned", "upright", "in_zone")
 _UTILS = ("eulerXYZ_to_quatXYZW", "quatXYZW_to_eulerXYZ", "multiply", "invert", "apply")
 _FOR_TESTS = frozenset({"add_goal", "goals_met", "find", "get_object_pose", "get_object_size", "reset", "step"})
-"""What tests need of a task and its environment: to read its goals, to run it and to look, not to build it."""
-
+"""Names for readers who test: to read goals, run a task and look at the scene, not to build it."""
 
 Reader = Literal["program", "tests"]
 
 
 def api_reference(reader: Reader = "program") -> str:
     """Markdown on ``Task``, ``Environment``, the oracle, ``utils`` and ``p``, as far as the reader needs it."""
-    arm = get_arm(templates.defaults.robot)
+    arm = get_arm(PROCESS_CONTEXT.robot)
     lines = [
         "```python",
         "from grs_agents.sim import Task, Environment, utils, p",

@@ -15,13 +15,13 @@ from grs_agents.base.mujoco_import import mujoco
 from grs_agents.library.library import Library
 from grs_agents.sim.instance.episode import SimulationError
 from grs_agents.sim.instance.task_instance import InstanceObject
-from grs_agents.sim.rendering.plain_pictures import render_along_rays, render_observation
-from grs_agents.sim.rendering.views import FRONT, LEFT, RIGHT, Picture, View, VisibleScene
+from grs_agents.sim.rendering.cameras import FRONT, LEFT, RIGHT, LookAtCamera, RenderedImage, VisibleScene
+from grs_agents.sim.rendering.pictures import render_along_rays, render_observation
 
 CameraConfig = dict[str, Any]
 
 
-def camera_config_from_view(view: View) -> CameraConfig:
+def camera_config_from_view(view: LookAtCamera) -> CameraConfig:
     """A view as CLIPort configures it; the camera looks along its own z axis, x to the right, y down."""
     forward = np.subtract(view.target, view.position)
     forward = forward / np.linalg.norm(forward)
@@ -43,8 +43,8 @@ def camera_config_from_view(view: View) -> CameraConfig:
 AGENT_CAMERAS: tuple[CameraConfig, ...] = tuple(camera_config_from_view(view) for view in (FRONT, LEFT, RIGHT))
 
 
-def render_from_camera_config(sight: VisibleScene, config: Mapping[str, Any]) -> Picture:
-    """What a configured camera sees; raises ``SimulationError`` where the configuration does not fit."""
+def render_from_camera_config(sight: VisibleScene, config: Mapping[str, Any]) -> RenderedImage:
+    """Picture of a configured camera; raises ``SimulationError`` for a configuration that does not fit."""
     try:
         height, width = (int(count) for count in config["image_size"])
         fx, _, cx, _, fy, cy, *_ = (float(number) for number in config["intrinsics"])
@@ -65,7 +65,7 @@ def render_from_camera_config(sight: VisibleScene, config: Mapping[str, Any]) ->
 
 
 _FAR: Final = 100.0
-"""Height of the eye, metres: so far that a thing 0.3 m high leans over by less than a pixel."""
+"""Height of the eye, metres: the parallax of an object 0.3 m high is then below a pixel."""
 
 
 def render_top_down_maps(

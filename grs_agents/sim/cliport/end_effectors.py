@@ -1,8 +1,10 @@
-"""What ``task.ee`` and ``task.primitive`` may be, under CLIPort's names."""
+"""CLIPort's names for the values of ``task.ee`` and ``task.primitive``."""
 
 from typing import Any
 
 from grs_agents.sim.instance.episode import UnsupportedError
+from grs_agents.sim.tabletop import Blade, EndEffector, SuctionCup
+from grs_agents.sim.tabletop_episode import GoalTask, InstanceTask
 
 
 class Suction:
@@ -10,7 +12,7 @@ class Suction:
 
 
 class Spatula:
-    """A blade at the end of the arm that pushes along the table, and takes nothing up."""
+    """A blade at the end of the arm that pushes along the table and picks nothing up."""
 
 
 class PickPlace:
@@ -21,10 +23,14 @@ class PickPlace:
 
 
 def push(*_: Any, **__: Any) -> None:
-    """Stands for pushing along the table, ``task.primitive = push``; ``env.step`` does it, a call is refused."""
+    """Marks pushing along the table, ``task.primitive = push``; ``env.step`` does it, a call is refused."""
     raise UnsupportedError("the push primitive was called as a function", "use env.step({'pose0': ..., 'pose1': ...})")
 
 
-def uses_push_primitive(ee: Any, primitive: Any) -> bool:
-    """Whether actions of a task with this ``ee`` and ``primitive`` push with the spatula, not pick and place."""
-    return primitive is push or primitive == "push" or ee is Spatula or isinstance(ee, Spatula) or ee == "spatula"
+def find_end_effector(task: GoalTask) -> EndEffector:
+    """The hand of a task: an instance's own, else by ``ee`` and ``primitive``."""
+    if isinstance(task, InstanceTask):
+        return task.end_effector
+    ee, primitive = getattr(task, "ee", None), getattr(task, "primitive", None)
+    pushes = primitive is push or primitive == "push" or ee is Spatula or isinstance(ee, Spatula) or ee == "spatula"
+    return Blade() if pushes else SuctionCup()

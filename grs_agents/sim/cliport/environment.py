@@ -1,88 +1,53 @@
-"""The environment: typed objects on a table, an arm with a suction cup, rewards from the task."""
+"""CLIPort's names for the simulated table: ``Environment``, its action space, and its witness in a worker."""
 
-import math
-from collections.abc import AsyncGenerator, Callable, Coroutine, Generator, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Final, Protocol
 
 import numpy as np
+import numpy.typing as npt
 
-from grs_agents.base import Pose, Vec3
-from grs_agents.base.errors import GrsError
+from grs_agents.base import Pose
+from grs_agents.base.geometry import transforms
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.library.library import Library
-from grs_agents.sim.arms.registry import get_arm
-from grs_agents.sim.cliport import end_effectors, pybullet
+from grs_agents.sim.cliport import cameras, end_effectors, pybullet
 from grs_agents.sim.cliport.cameras import Observation
-from grs_agents.sim.cliport.workcell import Workcell
-from grs_agents.sim.goals.strict_score import StrictScorer
-from grs_agents.sim.goals.task_accounting import ScoredTask
-from grs_agents.sim.instance.episode import (
-    ActionRecord,
-    Episode,
-    Recorder,
-    SimulationError,
-    make_stop_from_error,
-    set_last_recorder,
-)
-from grs_agents.sim.instance.task_instance import InstanceObject
-from grs_agents.sim.motion import placement
-from grs_agents.sim.motion.pick_place import PickPlace, PickPlaceResult
-from grs_agents.sim.motion.push import Push, PushResult
+from grs_agents.sim.instance.episode import SimulationError, UnsupportedError
+from grs_agents.sim.instance.task_instance import TaskInstance
+from grs_agents.sim.motion import placement, tool_paths
+from grs_agents.sim.motion.pick_place import PickPlaceResult
+from grs_agents.sim.rollouts import Rollout, solve_episode
+from grs_agents.sim.tabletop import CATEGORIES, TabletopSim, parse_pose
+from grs_agents.sim.tabletop_episode import Action, GoalTask, InstanceTask, TabletopEpisode
 from grs_agents.sim.world import templates
-from grs_agents.sim.world.budget import DEFAULT_BUDGET, Budget
-from grs_agents.sim.world.footprints import Prism, object_prism_at_pose, signed_outline_gaps
-from grs_agents.sim.world.spec import load_object_model
-from grs_agents.sim.world.tabletop import parse_pose
+from grs_agents.sim.world.budget import DEFAULT_BUDGET
+from grs_agents.sim.world.context import PROCESS_CONTEXT
+from grs_agents.sim.world.recording import MotionRecording
 
-_SETTLED, _SUNK = 0.01, 0.03
-"""What settling moves sideways, or lets fall, by more than this did not stay where the program put it, metres."""
-Action = Mapping[str, Any]
+_SPEED: Final = 1.0
+"""Speed of the fastest joint in ``movej``, rad/s."""
+_REACHED: Final = 0.01
+"""Error of a joint that counts as arrived, radians."""
 Info = dict[Any, Any]
 
 
-class EpisodeTask(ScoredTask, Protocol):
-    """What the environment asks of a task: ``sim.Task`` has it, and programs override parts of it."""
-
-    max_steps: int
-    ee: Any
-    primitive: Any
-
-    def reset(self, env: "Environment") -> None:
-        """Set the scene up and state the goals."""
-        ...
-
-    def finish_goals(self, env: "Environment") -> None:
-        """Read the goals as they are stated when ``reset`` ends."""
-        ...
-
-    def reward(self) -> tuple[float, dict[str, Any]]:
-        """What was gained since the last call."""
-        ...
-
-    def done(self) -> bool:
-        """Whether every goal is met."""
-        ...
-
-    def get_lang_goal(self) -> str:
-        """The current goal in words."""
-        ...
-
-
 class Witness(Protocol):
-    """What watches every environment of a process, and may change what was set up."""
+    """Observer of every environment of a process, which may change what was set up."""
 
     def begin_reset(self, env: "Environment") -> None:
         """A reset begins; the last scene still stands."""
         ...
 
     def finish_reset(self, env: "Environment") -> None:
-        """The task has set its scene up, nothing has settled yet."""
+        """The task has set its scene up; nothing has settled yet."""
         ...
 
     def run_or_replay_action(
         self, env: "Environment", pick: Pose, place: Pose, act: Callable[[Pose, Pose], PickPlaceResult]
     ) -> PickPlaceResult:
-        """Do an action with ``act``, or what came of the same one."""
+        """Carry an action out with ``act``, or replay the result of an equal one."""
         ...
 
     def finish_step(self, env: "Environment") -> None:
@@ -90,11 +55,38 @@ class Witness(Protocol):
         ...
 
     def watch_oracle(self, oracle: Any, env: "Environment") -> Any:
-        """The oracle that a test is given in place of one."""
+        """Replacement for the oracle that a test asks for."""
         ...
 
 
-class Environment(Workcell):
+class UnreachableError(SimulationError):
+    """The arm cannot bring its tip to a pose."""
+
+    outcome = "unreachable"
+
+
+@dataclass(frozen=True)
+class ActionSpace:
+    """Actions are ``{'pose0': pose, 'pose1': pose}``, positions within ``low`` and ``high`` (3,), metres."""
+
+    low: FloatArray
+    high: FloatArray
+
+    def sample(self, rng: np.random.Generator) -> dict[str, Pose]:
+        """A random action, without turning."""
+        points = rng.uniform(self.low, self.high, (2, 3)).tolist()
+        return {f"pose{index}": parse_pose((point, None), "action") for index, point in enumerate(points)}
+
+    def contains(self, action: Any) -> bool:
+        """Whether an action has both poses, within the bounds."""
+        try:
+            poses = [parse_pose(action[key], key) for key in ("pose0", "pose1")]
+        except (SimulationError, KeyError, TypeError):
+            return False
+        return all((self.low <= pose[0]).all() and (pose[0] <= self.high).all() for pose in poses)
+
+
+class Environment(TabletopSim):
     """A table with objects and a robot arm whose base is at the origin (x forward, y left, z up, table top z = 0).
 
     Args:
@@ -115,11 +107,12 @@ class Environment(Workcell):
     """
 
     witness: ClassVar[Witness | None] = None
+    record_cfg: Any = None
 
     def __init__(
         self,
         assets_root: str | Path | None = "",
-        task: EpisodeTask | None = None,
+        task: GoalTask | None = None,
         disp: bool = False,
         shared_memory: bool = False,
         hz: int = 240,
@@ -132,18 +125,19 @@ class Environment(Workcell):
     ) -> None:
         self.assets_root = str(assets_root or "")
         self.disp, self.shared_memory, self.hz, self.record_cfg = disp, shared_memory, hz, record_cfg
-        library = library or templates.default_library()
+        library = library or PROCESS_CONTEXT.get_library()
         if self.assets_root and Path(self.assets_root).is_dir():
             library = library.copy_with_overlay_root(Path(self.assets_root))
-        super().__init__(library, Budget(budget), get_arm(robot or templates.defaults.robot), seed)
+        super().__init__(library, seed=seed, budget=budget, robot=robot, context=PROCESS_CONTEXT)
         self.pix_size = 0.003125
-        self.task: EpisodeTask | None = None
+        self.task: GoalTask | None = None
         self.failed_placements = 0
+        self._recording: tuple[str, MotionRecording] | None = None
         pybullet.set_current_environment(self)
         if task is not None:
             self.set_task(task)
 
-    def set_task(self, task: EpisodeTask) -> None:
+    def set_task(self, task: GoalTask) -> None:
         """Choose the task that ``reset`` sets up."""
         self.task = task
 
@@ -158,29 +152,13 @@ class Environment(Workcell):
         pybullet.set_current_environment(self)
         if self.witness is not None:
             self.witness.begin_reset(self)
-        self.recorder.freeze()
-        self.places = {}
-        self.remove_all_objects()
         self.failed_placements = 0
-        self.recorder = Recorder(parse_max_steps(self.task.max_steps))
-        set_last_recorder(self.recorder)
-        try:
-            self.tool = "spatula" if end_effectors.uses_push_primitive(self.task.ee, self.task.primitive) else "suction"
-            _refuse_unfinished_reset(self.task.reset(self))
-            self.task.finish_goals(self)
-        except GrsError as error:
-            self.recorder.stop = make_stop_from_error(error)
-            raise
-        self.task.grs.finish_reset(self)
-        self.restore_bystanders()
+        episode = TabletopEpisode(self, self.task, end_effectors.find_end_effector(self.task))
+        episode.set_up_scene()
         if self.witness is not None:
             self.witness.finish_reset(self)
         if settle:
-            placed = {number: self.get_object_pose(number) for number in self._objects}
-            self.settle_scene()
-            self.places = {number: self.get_object_pose(number) for number in self._objects}
-            self.recorder.measure = StrictScorer(self.task, self).measure_scene
-            self._warn_about_settling(placed)
+            episode.settle_scene()
         return self.observation
 
     @property
@@ -208,11 +186,6 @@ class Environment(Workcell):
         """``{'color': three images, 'depth': three images}``, rendered when they are read."""
         return Observation(self.visible_scene)
 
-    @property
-    def current_episode(self) -> Episode:
-        """How the current episode stands."""
-        return self.recorder.build_episode()
-
     def step(self, action: Action | None = None) -> tuple[Observation, float, bool, Info]:
         """Pick and place once, or push once if that is the task's primitive, then score.
 
@@ -225,66 +198,15 @@ class Environment(Workcell):
         """
         if self.task is None:
             raise SimulationError("env.step() without a task", "call env.set_task(task) first")
-        if action is None:
-            self.physics.step(10)
-            reward = self.task.reward()[0]
-        else:
-            missing = {"pose0", "pose1"} - set(action)
-            if missing:
-                raise SimulationError(
-                    f"env.step: the action has no {min(missing)}", "give {'pose0': (xyz, quaternion), 'pose1': ...}"
-                )
-            reward = self._execute_action(parse_pose(action["pose0"], "pose0"), parse_pose(action["pose1"], "pose1"))
-        done = self.task.done() or len(self.recorder.actions) >= self.task.max_steps
+        _, reward, done, _ = TabletopEpisode(self, self.task, self.end_effector).step(action)
         if self.witness is not None:
             self.witness.finish_step(self)
         return self.observation, reward, done, self.info
 
-    def _execute_action(self, pose0: Pose, pose1: Pose) -> float:
-        """Do what the task's primitive does, score, and write it down; returns the reward that it added."""
-        if self.tool == "spatula":
-            pushed = self.push(pose0, pose1)
-            moved, number, note, trouble = pushed.pushed, next(iter(pushed.pushed), None), pushed.note, None
-        else:
-            result = self.pick_place(pose0, pose1)
-            moved, number, note, trouble = (), result.grasped, result.note, result.trouble
-        self.physics.raise_if_diverged()
-        reward = self.task.reward()[0] if self.task is not None else 0.0
-        asset = "" if number is None else self.object_by_id(number).asset
-        self.recorder.actions.append(
-            ActionRecord(
-                object=number,
-                asset=asset,
-                pick=pose0[0],
-                place=pose1[0],
-                reward=reward,
-                note=note,
-                trouble=trouble,
-                pushed=moved,
-            )
-        )
-        set_last_recorder(self.recorder)
-        return reward
-
-    def push(self, pose0: Pose, pose1: Pose) -> PushResult:
-        """Push along the table from one pose to another with the spatula; does not score."""
-        return Push(self.physics, self.collider_prisms, self.object_labels).push(pose0, pose1)
-
     def pick_place(self, pick: Pose, place: Pose) -> PickPlaceResult:
         """Pick at one pose of the tip and place at another; does not score."""
-        act = PickPlace(self.physics, self.collider_prisms, self.object_labels).pick_and_place
+        act = super().pick_place
         return act(pick, place) if self.witness is None else self.witness.run_or_replay_action(self, pick, place, act)
-
-    def replace_object(self, item: InstanceObject) -> None:
-        """Put another object in the place of the one with its id, before anything has moved."""
-        self.object_by_id(item.id)
-        self._objects[item.id], self._models[item.id] = item, load_object_model(item, self.library)
-        self._physics, self._stale = None, False
-
-    @property
-    def object_labels(self) -> dict[int, str]:
-        """``asset #id`` of each object, as episodes name it."""
-        return {number: f"{item.asset} #{number}" for number, item in self._objects.items()}
 
     def find(self, asset: str) -> list[int]:
         """Ids of the task's objects made of an asset, in the order in which they were added.
@@ -300,44 +222,151 @@ class Environment(Workcell):
         alike = (filling.template, dict(filling.values))
         return [item.id for item in self._task_objects if (item.asset, item.fill) == alike]
 
-    def _warn_about_settling(self, placed: Mapping[int, Pose]) -> None:
-        """Note what did not stay where the program put it, and why not."""
-        moved = [n for n, start in placed.items() if _has_moved_while_settling(start[0], self.places[n][0])]
-        prisms = {n: object_prism_at_pose(self.object_model(n), placed[n]) for n in placed} if moved else {}
-        label = self.object_labels
-        for number in moved:
-            start, end = placed[number][0], self.places[number][0]
-            within = [label[n] for n in placed if n != number and _are_prisms_overlapping(prisms[number], prisms[n])]
-            why = f"was put into {' and '.join(within)}" if within else "was put in the air, or did not stand"
-            ways = f"from {placement.format_point(start)} to {placement.format_point(end)}"
-            self.record_warning(f"{label[number]} {why}: settling moved it {math.dist(start, end):.3f} m, {ways}")
+    @property
+    def obj_ids(self) -> dict[str, list[int]]:
+        """Ids of the task's objects by category: ``fixed``, ``rigid``, ``deformable``."""
+        return {kind: [item.id for item in self._task_objects if item.category == kind] for kind in CATEGORIES}
 
+    set_object_color = TabletopSim.set_color
 
-def parse_max_steps(value: Any) -> int:
-    """The actions that a task allows; raises ``SimulationError`` for what is no number."""
-    try:
-        return int(value)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise SimulationError(f"max_steps is {value!r}"[:150], "give a whole number of actions") from error
+    @property
+    def homej(self) -> FloatArray:
+        """Joint positions (dof,) of the waiting arm, radians."""
+        return self.arm.home_joints.copy()
 
+    @property
+    def ee(self) -> end_effectors.Suction | end_effectors.Spatula:
+        """Hand at the end of the arm."""
+        return end_effectors.Spatula() if self.end_effector.tool == "spatula" else end_effectors.Suction()
 
-def _refuse_unfinished_reset(returned: object) -> None:
-    """Refuse a ``reset`` whose body has not run: to call it only makes a coroutine or a generator."""
-    if isinstance(returned, Coroutine | Generator | AsyncGenerator):
-        if not isinstance(returned, AsyncGenerator):
-            returned.close()  # else Python warns that nobody awaited it
-        kind = "a generator (it has a yield)" if isinstance(returned, Generator) else "asynchronous (async def)"
-        raise SimulationError(
-            f"reset is {kind}, so that nothing in it ran when it was called",
-            "write `def reset(self, env):` without async or yield",
+    @property
+    def agent_cams(self) -> list[cameras.CameraConfig]:
+        """The three observation cameras, for ``render_camera``."""
+        return [dict(config) for config in cameras.AGENT_CAMERAS]
+
+    @property
+    def action_space(self) -> ActionSpace:
+        """Bounds of actions."""
+        return ActionSpace(self.bounds[:, 0], self.bounds[:, 1])
+
+    def solve_ik(self, pose: Any) -> FloatArray:
+        """Joint positions (dof,), near the present ones, that bring the cup's tip to a pose.
+
+        The pose is a position (m) and how the tool is turned (xyzw) from pointing straight down; it may tilt. Raises
+        ``UnreachableError`` where limits, the table or the arm itself are in the way.
+        """
+        position, rotation = parse_pose(pose, "solve_ik")
+        _, tilt = tool_paths.split_into_yaw_and_tilt(rotation)
+        tilted, physics = bool(np.any(tilt)), self.physics
+        if not tilted and not self.arm.can_reach_point(position):
+            raise UnreachableError(
+                f"{placement.format_point(position)} {placement.describe_out_of_reach(position, self.arm)}",
+                "give a pose within reach",
+            )
+        joints = self.arm.solve_ik_for_poses(
+            np.array([position]), transforms.quaternion_to_matrix(rotation)[None], physics.commanded_joint_positions
         )
+        how = f"with the tool tilted by {np.linalg.norm(tilt):.2f} rad" if tilted else "with the tool down"
+        if not self.arm.is_path_within_limits(joints):
+            raise UnreachableError(
+                f"{placement.format_point(position)} cannot be reached {how}", "give a pose within reach"
+            )
+        if (gap := self.arm.first_collision_along(joints)) is not None:
+            raise UnreachableError(
+                f"{placement.format_point(position)} cannot be reached {how}: {gap}", "give a pose within reach"
+            )
+        return joints[0]
+
+    def movej(self, targj: Sequence[float] | FloatArray, speed: float = 0.01, timeout: float = 20) -> bool:
+        """Move the arm straight to joint positions (dof,), within ``timeout`` seconds; True if it failed to arrive.
+
+        Raises ``UnreachableError``, before it moves, beyond a joint's limits or where it would hit the table or itself.
+        """
+        del speed
+        physics, target = self.physics, np.asarray(targj, dtype=np.float64)
+        if target.shape != (self.arm.dof,) or not np.isfinite(target).all():
+            count = self.arm.dof
+            raise SimulationError(f"movej: {targj!r} are not {count} joint positions", f"give {count} finite numbers")
+        if not self.arm.is_path_within_limits(target[None]):
+            bounds = [
+                f"{low:.2f}..{high:.2f}"
+                for low, high in zip(self.arm.lower_joint_limits, self.arm.upper_joint_limits, strict=True)
+            ]
+            raise UnreachableError(f"movej: {targj!r} is beyond the joints' limits", f"stay within {', '.join(bounds)}")
+        start = physics.joint_positions
+        seconds = 1.5 * float(np.abs(target - start).max()) / _SPEED
+        share = np.linspace(0.0, 1.0, max(2, int(seconds / self.timestep)))[:, None]
+        path = start + (3 * share**2 - 2 * share**3) * (target - start)
+        path = path[: max(2, int(timeout / self.timestep))]
+        if (gap := self.arm.first_collision_along(path)) is not None:
+            raise UnreachableError(
+                f"movej: on its way {gap}", "give joint positions that keep it clear, e.g. of env.solve_ik(pose)"
+            )
+        physics.follow_joint_path(path)
+        physics.wait_for_joint_positions(path[-1])
+        return bool(np.abs(physics.joint_positions - target).max() > _REACHED)
+
+    def movep(self, pose: Any, speed: float = 0.01) -> bool:
+        """Move the cup's tip to a pose; returns whether it failed to arrive, as ``movej``."""
+        return self.movej(self.solve_ik(pose), speed)
+
+    def render_camera(
+        self, config: Mapping[str, Any], *_: Any, **__: Any
+    ) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32], npt.NDArray[np.int32]]:
+        """Colour (H, W, 3), depth (H, W; m along the optical axis) and object id (H, W; -1 = none) of a camera."""
+        picture = cameras.render_from_camera_config(self.visible_scene, config)
+        return picture.color, picture.depth, picture.owner
+
+    def render(self, mode: str = "rgb_array") -> npt.NDArray[np.uint8]:
+        """Picture (480, 640, 3) of the front camera; raises ``UnsupportedError`` for other modes (no window)."""
+        if mode != "rgb_array":
+            raise UnsupportedError(f"render(mode={mode!r}): there is no window", "use mode='rgb_array'")
+        return self.render_camera(cameras.AGENT_CAMERAS[0])[0]
+
+    def start_rec(self, video_filename: str) -> None:
+        """Record the motion of every object and link from now on, until ``end_rec``."""
+        if self._recording is not None:
+            raise SimulationError("start_rec: a recording is under way", "call env.end_rec() first")
+        physics = self.physics
+        self._recording = (str(video_filename), MotionRecording(physics, {item.id: item.id for item in self.objects}))
+
+    def end_rec(self) -> Path:
+        """End the recording and return its file, ``<save_video_path>/<name>.npz``, by default in the working folder."""
+        if self._recording is None:
+            raise SimulationError("end_rec: nothing is being recorded", "call env.start_rec(name) first")
+        (name, recording), self._recording = self._recording, None
+        folder = Path(str(dict(self.record_cfg or {}).get("save_video_path", ".")))
+        return recording.save(folder / f"{Path(name).name}.npz")
 
 
-def _has_moved_while_settling(start: Vec3, end: Vec3) -> bool:
-    return math.dist(start[:2], end[:2]) > _SETTLED or abs(start[2] - end[2]) > _SUNK
+class _EnvironmentEpisode(TabletopEpisode[InstanceTask]):
+    """Episodes of a task instance in an ``Environment``, whose witness sees each reset and step."""
+
+    def __init__(self, env: Environment, task: InstanceTask) -> None:
+        super().__init__(env, task, task.end_effector)
+        self._env = env
+
+    def set_up_scene(self) -> None:
+        self._env.reset(settle=False)
+
+    def reset(self) -> None:
+        self._env.reset()
+
+    def step(self, action: Action | None = None) -> tuple[Any, float, bool, dict[str, Any]]:
+        observation, reward, done, _ = self._env.step(action)
+        return observation, reward, done, {}
 
 
-def _are_prisms_overlapping(first: Prism, second: Prism) -> bool:
-    """Whether two objects reach more than 2 mm into each other, upwards and sideways."""
-    upwards = min(first.high, second.high) - max(first.low, second.low)
-    return upwards > 0.002 and signed_outline_gaps(first.outline, second.outline, np.zeros((1, 2)))[0] < -0.002
+def rollout(
+    instance: TaskInstance, library: Library | None = None, recording: Path | None = None, trials: int = 0
+) -> Rollout:
+    """Let the oracle solve an instance; the program it came from is not needed.
+
+    ``recording`` is an .npz file to write: ``times`` (N,), ``positions`` (N, B, 3), ``quaternions`` (N, B, 4, xyzw),
+    ``names`` (B,) ("object_<id>" or a robot link), ``tool`` (N, 3). ``trials`` is how often it solves the instance
+    again with the least noise of the hand.
+    """
+    task = InstanceTask(instance)
+    env = Environment(task=task, library=library, seed=instance.seed, robot=instance.robot)
+    env.timestep = instance.timestep
+    return solve_episode(_EnvironmentEpisode(env, task), recording, trials)

@@ -1,6 +1,6 @@
-"""Goals as programs state them: checked, in one shape, and in CLIPort's order of fields."""
+"""Goals from the arguments of programs: validation and normalisation, in CLIPort's order of fields."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -9,7 +9,7 @@ import numpy as np
 from grs_agents.base import Pose
 from grs_agents.sim.instance.episode import SimulationError
 from grs_agents.sim.instance.goal import Goal, Zone
-from grs_agents.sim.world.tabletop import is_number, is_vector, parse_pose
+from grs_agents.sim.tabletop import is_number, is_vector, parse_pose
 
 _METRICS = {"zone_with_z_match": "zone"}
 """Of LoHo-Ravens, whose heights the strict score asks for anyway."""
@@ -17,7 +17,7 @@ _METRICS = {"zone_with_z_match": "zone"}
 
 @dataclass(frozen=True)
 class GoalArguments:
-    """The arguments of `make_goal` as a program gave them: lists among them may grow until ``reset`` ends."""
+    """Arguments of `make_goal` from a program; its lists may grow until ``reset`` ends."""
 
     objs: Any
     matches: Any
@@ -31,17 +31,17 @@ class GoalArguments:
 
     @property
     def may_still_be_filled(self) -> bool:
-        """Whether there is nothing yet in a list that the program may still fill."""
+        """Whether a list is still empty, so that the program may fill it later."""
         return any(isinstance(given, list) and not given for given in (self.objs, self.targ_poses, self.params))
 
     def make_goal(self) -> tuple[Goal, list[str]]:
-        """The goal that they state now, as `make_goal` makes it."""
+        """The goal that the arguments state now; returns as `make_goal`."""
         given = (self.objs, self.matches, self.targ_poses, self.replace, self.rotations, self.metric, self.params)
         return make_goal(*given, self.step_max_reward, self.symmetries)
 
 
 UNSTATED = Goal.model_construct(objects=(), targets=(), matches=(), zones=(), max_reward=0.0)
-"""In the place of a goal whose lists are still empty."""
+"""Placeholder for a goal whose lists are still empty."""
 
 
 def make_goal(
@@ -55,19 +55,38 @@ def make_goal(
     step_max_reward: float,
     symmetries: Any,
 ) -> tuple[Goal, list[str]]:
-    """The goal that arguments of ``Task.add_goal`` state, and a sentence for each assumption made about them.
+    """The goal of the arguments of ``Task.add_goal``, and a sentence for each assumption made about them.
 
-    Raises ``SimulationError``, which says what argument does not fit, and what would.
+    Raises ``SimulationError``, which names the argument that does not fit, and a remedy.
     """
-    reward = _parse_reward(step_max_reward)
+    try:
+        reward = float(step_max_reward)
+    except (TypeError, ValueError):
+        reward = np.nan
+    if not np.isfinite(reward) or reward < 0:
+        raise SimulationError(
+            f"add_goal: step_max_reward is {step_max_reward!r}"[:200], "give a share of 1, e.g. 1 / len(objects)"
+        )
     if isinstance(objs, Goal):
-        others = {"matches": matches, "targ_poses": targ_poses, "params": params, "symmetries": symmetries}
-        return objs.model_copy(update={"max_reward": reward}), _list_arguments_without_effect(others)
+        rest = {"matches": matches, "targ_poses": targ_poses, "params": params, "symmetries": symmetries}
+        return objs.model_copy(update={"max_reward": reward}), [
+            f"task.add_goal: {name} had no effect, a typed goal says all by itself"
+            for name, value in rest.items()
+            if value is not None
+        ]
     pairs = _parse_ids_and_symmetries(objs)
     metric = _METRICS.get(metric, metric)
     if metric not in ("pose", "zone"):
         raise SimulationError(f"add_goal: metric {metric!r} is unknown", "use 'pose' or 'zone'")
-    targets = _parse_target_poses(targ_poses)
+    if targ_poses is None or len(targ_poses) == 0:
+        poses: list[Any] = []
+    elif is_vector(targ_poses, 3) or (
+        len(targ_poses) == 2 and is_vector(targ_poses[0], 3) and is_vector(targ_poses[1], 4)
+    ):
+        poses = [targ_poses]  # a bare pose
+    else:
+        poses = list(targ_poses)
+    targets: list[Pose] = [parse_pose(pose, "add_goal: targ_poses") for pose in poses]
     entries = _list_zone_entries(params) if metric == "zone" else []
     zones = tuple(map(_parse_zone, entries))
     if metric == "pose" and not targets:
@@ -86,14 +105,8 @@ def make_goal(
     return goal, [f"add_goal: {note}" for note in _describe_assumptions(goal, matches, entries, symmetries)]
 
 
-def _list_arguments_without_effect(given: Mapping[str, Any]) -> list[str]:
-    """A sentence for each argument given beside a typed goal."""
-    unused = [name for name, value in given.items() if value is not None]
-    return [f"task.add_goal: {name} had no effect, a typed goal says all by itself" for name in unused]
-
-
 def _describe_assumptions(goal: Goal, matches: Any, zones: Sequence[Any], symmetries: Any) -> Iterator[str]:
-    """What was assumed about arguments of a goal."""
+    """Assumptions made about the arguments of a goal."""
     count, targets = len(goal.objects), len(goal.targets)
     if matches is not None and np.shape(matches) != (count, targets):
         yield f"matches of shape {np.shape(matches)} was taken for {count} objects and {targets} targets"
@@ -105,13 +118,13 @@ def _describe_assumptions(goal: Goal, matches: Any, zones: Sequence[Any], symmet
 
 
 def states_no_object(fields: Any) -> bool:
-    """Whether a tuple that a program put in ``task.goals`` is of no object, as where none has the wanted colour."""
+    """Whether a tuple in ``task.goals`` names no object, as when no object has the colour that a program looks for."""
     listed = cast(Sequence[Any], fields) if isinstance(fields, tuple | list) else ()
     return len(listed) == 8 and isinstance(listed[0], list) and not listed[0]
 
 
 def convert_to_goal(fields: Any) -> Goal:
-    """A goal, or CLIPort's tuple of eight that a program put in ``task.goals``; others are a ``SimulationError``."""
+    """A goal from ``task.goals``: a goal or CLIPort's tuple of eight; raises ``SimulationError`` for anything else."""
     if isinstance(fields, Goal):
         return fields
     if not isinstance(fields, tuple | list) or len(cast(Sequence[Any], fields)) != 8:
@@ -124,56 +137,30 @@ def convert_to_goal(fields: Any) -> Goal:
 
 
 def _parse_ids_and_symmetries(objs: Any) -> list[tuple[int, float]]:
-    """The ids of a goal's objects, each with its symmetry."""
+    """Ids of a goal's objects with their symmetries, from ids or CLIPort's ``(id, (symmetry, None))``."""
+    given = cast(tuple[Any, ...], objs) if isinstance(objs, tuple) else ()
     try:
-        items: list[Any] = [objs] if is_number(objs) or _is_id_symmetry_pair(objs) else list(objs)
+        single = is_number(objs) or (len(given) == 2 and not is_number(given[1]))
+        items: list[Any] = [objs] if single else list(cast(Any, objs))
     except TypeError as error:
         raise SimulationError(f"add_goal: objs is {objs!r}", "give ids that env.add_object returned") from error
     if not items:
         raise SimulationError("add_goal: objs is empty", "name at least one object id")
-    return [_parse_id_and_symmetry(item) for item in items]
-
-
-def _parse_reward(value: Any) -> float:
-    try:
-        reward = float(value)
-    except (TypeError, ValueError):
-        reward = np.nan
-    if not np.isfinite(reward) or reward < 0:
-        raise SimulationError(
-            f"add_goal: step_max_reward is {value!r}"[:200], "give a share of 1, e.g. 1 / len(objects)"
-        )
-    return reward
-
-
-def _is_id_symmetry_pair(item: Any) -> bool:
-    """Whether something is CLIPort's ``(id, (symmetry, None))`` rather than several ids."""
-    return isinstance(item, tuple) and len(cast(tuple[Any, ...], item)) == 2 and not is_number(item[1])
-
-
-def _parse_id_and_symmetry(item: Any) -> tuple[int, float]:
-    """An id and its symmetry, from an id or from CLIPort's ``(id, (symmetry, None))``; ``(id, pose)`` has none."""
-    symmetry, number = 0.0, item
-    if isinstance(item, tuple):
-        number, detail = cast(tuple[Any, Any], item)
-        first = detail if is_number(detail) else detail[0]
-        symmetry = float(first) if is_number(first) else 0.0
-    if not isinstance(number, int | np.integer) or isinstance(number, bool):
-        raise SimulationError(f"add_goal: objs holds {number!r}", "give ids that env.add_object returned")
-    return int(cast(int, number)), symmetry
-
-
-def _parse_target_poses(targ_poses: Any) -> list[Pose]:
-    if targ_poses is None or len(targ_poses) == 0:
-        return []
-    bare_pose = len(targ_poses) == 2 and is_vector(targ_poses[0], 3) and is_vector(targ_poses[1], 4)
-    if bare_pose or is_vector(targ_poses, 3):
-        return [parse_pose(targ_poses, "add_goal: targ_poses")]
-    return [parse_pose(pose, "add_goal: targ_poses") for pose in targ_poses]
+    pairs: list[tuple[int, float]] = []
+    for item in items:
+        symmetry, number = 0.0, item
+        if isinstance(item, tuple):
+            number, detail = cast(tuple[Any, Any], item)
+            first = detail if is_number(detail) else detail[0]
+            symmetry = float(first) if is_number(first) else 0.0  # ``(id, pose)`` has none
+        if not isinstance(number, int | np.integer) or isinstance(number, bool):
+            raise SimulationError(f"add_goal: objs holds {number!r}", "give ids that env.add_object returned")
+        pairs.append((int(cast(int, number)), symmetry))
+    return pairs
 
 
 def _list_zone_entries(params: Any) -> list[Any]:
-    """What a program gave as zones, one pair of pose and size each."""
+    """Entries of a program's zones, each a pair of pose and size."""
     entries = list(cast(Sequence[Any], params)) if isinstance(params, list | tuple) else []
     if len(entries) == 2 and isinstance(entries[0], dict):
         return _list_zone_entries(entries[1])  # CLIPort's (object points, zones): the points are sampled here
@@ -197,8 +184,8 @@ def _parse_zone(entry: Any) -> Zone:
 
 
 def _parse_match_matrix(matches: Any, objects: int, targets: int) -> tuple[tuple[int, ...], ...]:
-    """Rows and columns too many are cut off, columns too few are zeros, a flat list is a row or a column; of rows too
-    few the last one serves for the others."""
+    """Match matrix of the right shape: surplus rows and columns are cut off, missing columns are zeros, missing rows
+    repeat the last, a flat list is a row or a column."""
     if matches is None:
         return ((1,) * targets,) * objects
     array = np.asarray(matches, dtype=np.float64)
@@ -215,9 +202,9 @@ def _parse_match_matrix(matches: Any, objects: int, targets: int) -> tuple[tuple
     return tuple(map(tuple, (array > 0).astype(np.int64).tolist()))
 
 
-def _parse_symmetries(symmetries: Any, own: Sequence[float]) -> tuple[float, ...]:
+def _parse_symmetries(symmetries: Any, defaults: Sequence[float]) -> tuple[float, ...]:
     if symmetries is None:
-        return tuple(own)
+        return tuple(defaults)
     given: list[Any] = [symmetries] if is_number(symmetries) else list(symmetries)
     try:
         values = [float(value if is_number(value) else value[0]) for value in given]
@@ -225,8 +212,8 @@ def _parse_symmetries(symmetries: Any, own: Sequence[float]) -> tuple[float, ...
         values = []
     if not values or not np.isfinite(values).all():
         raise SimulationError(
-            f"add_goal: symmetries {symmetries!r} for {len(own)} objects",
+            f"add_goal: symmetries {symmetries!r} for {len(defaults)} objects",
             "give one angle in 0..2 pi radians for each object (0 = any yaw)",
         )
     values = [float(np.clip(value, 0.0, 2 * np.pi)) for value in values]
-    return tuple((values + values[-1:] * len(own))[: len(own)])
+    return tuple((values + values[-1:] * len(defaults))[: len(defaults)])

@@ -1,4 +1,4 @@
-"""The import lines of CLIPort, PyBullet and transforms3d, answered by this runtime: programs with them run unchanged.
+"""Import hook: this runtime stands in for CLIPort, PyBullet and transforms3d, so that their programs run unchanged.
 
 Switched on by the sandbox worker alone, with ``install()``. The real packages are never imported, installed or not.
 """
@@ -25,7 +25,7 @@ BUILT_IN: Final = (
     *("palletizing_boxes", "place_red_in_green", "put_block_in_bowl", "separating_piles", "stack_block_pyramid"),
     *("stack_block_pyramid_seq", "sweeping_piles", "towers_of_hanoi", "towers_of_hanoi_seq"),
 )
-"""Modules of ``cliport.tasks`` that hold a published task each."""
+"""Modules of ``cliport.tasks``, each with a published task."""
 
 
 def install() -> None:
@@ -34,30 +34,17 @@ def install() -> None:
         return
     for name in [name for name in sys.modules if name.split(".")[0] in PACKAGES]:
         del sys.modules[name]
-    modules = _build_replacement_modules()
-    sys.modules.update(modules)
-    for name, module in modules.items():
-        parent, _, child = name.rpartition(".")
-        if parent:
-            setattr(modules[parent], child, module)
-    sys.meta_path.insert(0, _UnknownModuleRefuser(tuple(sorted(modules))))
-    os.remove = _wrap_remove_to_skip_templates(os.remove)
-    random.sample = _wrap_sample_to_take_sets(random.sample)
-
-
-def _build_replacement_modules() -> dict[str, ModuleType]:
     grippers = {"Suction": end_effectors.Suction, "Spatula": end_effectors.Spatula}
     primitives = {"PickPlace": end_effectors.PickPlace, "push": end_effectors.push}
-    return {
+    colors = {"COLOR_CATEGORY_NAMES": lohoravens.COLOR_CATEGORY_NAMES}
+    modules: dict[str, ModuleType] = {
         "IPython": _make_module("IPython", embed=_do_nothing),
         "cliport": _make_module("cliport"),
         "cliport.tasks": _make_module("cliport.tasks", Task=PublishedTask),
         "cliport.tasks.task": _make_module("cliport.tasks.task", Task=PublishedTask),
         "cliport.tasks.primitives": _make_module("cliport.tasks.primitives", **primitives),
         "cliport.tasks.grippers": _make_module("cliport.tasks.grippers", **grippers),
-        "cliport.tasks.color_reasoning": _make_module(
-            "cliport.tasks.color_reasoning", COLOR_CATEGORY_NAMES=lohoravens.COLOR_CATEGORY_NAMES
-        ),
+        "cliport.tasks.color_reasoning": _make_module("cliport.tasks.color_reasoning", **colors),
         "cliport.utils": _make_module("cliport.utils"),
         "cliport.utils.utils": utils,
         "cliport.environments": _make_module("cliport.environments"),
@@ -68,10 +55,18 @@ def _build_replacement_modules() -> dict[str, ModuleType]:
         **{name: _make_module(name, **functions) for name, functions in _group_rotation_functions().items()},
         **{f"cliport.tasks.{name}": _make_published_task_module(f"cliport.tasks.{name}") for name in BUILT_IN},
     }
+    sys.modules.update(modules)
+    for name, module in modules.items():
+        parent, _, child = name.rpartition(".")
+        if parent:
+            setattr(modules[parent], child, module)
+    sys.meta_path.insert(0, _UnknownModuleRefuser(tuple(sorted(modules))))
+    os.remove = _wrap_remove_to_skip_templates(os.remove)
+    random.sample = _wrap_sample_to_take_sets(random.sample)
 
 
 def _group_rotation_functions() -> dict[str, dict[str, Callable[..., Any]]]:
-    """The functions of each module of ``transforms3d`` that is answered."""
+    """Functions of each supported module of ``transforms3d``."""
     conversions = "euler2mat mat2euler euler2quat quat2euler euler2axangle axangle2euler"
     names = {
         "euler": conversions,
@@ -97,7 +92,7 @@ def _do_nothing(*_: Any, **__: Any) -> None:
 
 
 def _wrap_remove_to_skip_templates(remove: Callable[..., None]) -> Callable[..., None]:
-    """``os.remove``, for which a filled template, which is a file in CLIPort and none here, is gone already."""
+    """``os.remove`` that ignores filled templates, which are files in CLIPort and none here."""
 
     def remove_unless_template(path: Any, *more: Any, **options: Any) -> None:
         if not isinstance(path, str) or templates.find_filling_by_name(path) is None:
@@ -107,7 +102,7 @@ def _wrap_remove_to_skip_templates(remove: Callable[..., None]) -> Callable[...,
 
 
 def _wrap_sample_to_take_sets(sample: Callable[..., list[Any]]) -> Callable[..., list[Any]]:
-    """``random.sample``, which took sets until Python 3.10; published programs draw colours from them."""
+    """``random.sample`` that takes sets, as until Python 3.10; published programs draw colours from them."""
 
     def sample_in_order(population: Any, *more: Any, **options: Any) -> list[Any]:
         members: Any = cast(set[Any], population) if isinstance(population, set | frozenset) else None
@@ -117,7 +112,7 @@ def _wrap_sample_to_take_sets(sample: Callable[..., list[Any]]) -> Callable[...,
 
 
 def _make_published_task_module(module: str) -> ModuleType:
-    """A module whose classes may be imported, which programs do, but not run: the tasks themselves are not here."""
+    """A module whose classes can be imported but not run, since the published tasks themselves are not here."""
 
     def reset(self: Any, env: Any) -> None:
         found = f"{type(self).__name__} is a task of {module}, whose program is not part of this simulation"
@@ -139,7 +134,7 @@ def _make_module(name: str, **names: Any) -> ModuleType:
 
 
 class _UnknownModuleRefuser(MetaPathFinder):
-    """Stands first in line, so that what is not answered is refused rather than found on the user's disk."""
+    """First finder of the import system: refuses unsupported modules rather than finding them on the user's disk."""
 
     def __init__(self, answered: tuple[str, ...]) -> None:
         self.answered = answered
@@ -147,7 +142,7 @@ class _UnknownModuleRefuser(MetaPathFinder):
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """None for other packages; raises ``ModuleNotFoundError`` for what this runtime does not answer of these."""
+        """None for other packages; raises ``ModuleNotFoundError`` for unsupported modules of ``PACKAGES``."""
         del path, target
         if fullname.split(".", maxsplit=1)[0] not in PACKAGES:
             return None

@@ -1,4 +1,4 @@
-"""What programs of LoHo-Ravens find besides: groups of colours, and where on the table, as seen, "top left" is."""
+"""Additional names of LoHo-Ravens' programs: groups of colours, and areas of the table such as "top left"."""
 
 from typing import Any, Final
 
@@ -13,8 +13,10 @@ COLOR_CATEGORY_NAMES: Final[dict[str, list[str]]] = {
 
 
 def make_task_attributes(bounds: FloatArray) -> dict[str, Any]:
-    """Attributes of a task that programs read or set, for a workspace with ``bounds`` (3, 2), metres; none changes what
-    the runtime does: heights count in the strict score anyway."""
+    """Attributes of a task that programs read or set, for a workspace with ``bounds`` (3, 2), metres.
+
+    None changes the runtime: heights count in the strict score anyway.
+    """
     (near, far), (left, right), _ = bounds.tolist()
     depth, width = far - near, right - left
     middle = (near + depth / 2, left + width / 2)
@@ -40,5 +42,5 @@ def make_task_attributes(bounds: FloatArray) -> dict[str, Any]:
 
 
 def _area(x_start: float, x_end: float, y_start: float, y_end: float) -> dict[str, float]:
-    """The part of the table between two x and two y, metres."""
+    """Rectangle of the table between two x and two y, metres."""
     return {"x_start": x_start, "x_end": x_end, "y_start": y_start, "y_end": y_end}

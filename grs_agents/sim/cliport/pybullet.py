@@ -14,8 +14,8 @@ from grs_agents.base.geometry import transforms
 from grs_agents.sim.instance.episode import InvalidValueError, SimulationError, UnsupportedError
 from grs_agents.sim.instance.faults import describe_first_error
 from grs_agents.sim.instance.task_instance import InstanceTie
+from grs_agents.sim.tabletop import TabletopSim, parse_pose
 from grs_agents.sim.world import templates
-from grs_agents.sim.world.tabletop import Tabletop, parse_pose
 
 GEOM_SPHERE, GEOM_BOX, GEOM_CYLINDER, GEOM_MESH = 2, 3, 4, 5
 _TEMPLATES: Final = {
@@ -28,7 +28,7 @@ _MARK: Final = "zone/zone-template.urdf"
 
 @dataclass(frozen=True)
 class PlainShape:
-    """A shape that a program described: its kind ``GEOM_*``, full extents (m), and colour."""
+    """Shape described by a program: its kind ``GEOM_*``, full extents (m) and colour."""
 
     kind: int
     size: Vec3
@@ -39,7 +39,7 @@ _shapes: list[PlainShape] = []
 
 
 def register_shape(kind: int, radius: float, half_extents: Sequence[float], length: float, color: Any = None) -> int:
-    """Note a box, sphere or cylinder and return its number; others are an ``UnsupportedError``."""
+    """Register a box, sphere or cylinder; returns its number. Raises ``UnsupportedError`` for other shapes."""
     if kind not in _TEMPLATES:
         raise UnsupportedError(
             f"p: a shape of type {kind} is not there", "use p.GEOM_BOX, GEOM_SPHERE or GEOM_CYLINDER"
@@ -59,16 +59,16 @@ JOINT_PRISMATIC, JOINT_FIXED, JOINT_POINT2POINT = 1, 4, 5
 _JOINTS: Final[dict[int, Literal["point", "fixed"]]] = {JOINT_POINT2POINT: "point", JOINT_FIXED: "fixed"}
 _GEOMS: Final = {"sphere": GEOM_SPHERE, "box": GEOM_BOX, "cylinder": GEOM_CYLINDER, "mesh": GEOM_MESH}
 
-_current: list[Tabletop] = []
+_current: list[TabletopSim] = []
 
 
-def set_current_environment(env: Tabletop) -> None:
+def set_current_environment(env: TabletopSim) -> None:
     """Make ``env`` the environment that the calls below read; it begins without any shape."""
     _current[:] = [env]
     _shapes.clear()
 
 
-def _current_environment() -> Tabletop:
+def _current_environment() -> TabletopSim:
     if not _current:
         raise SimulationError("p.* was called before any Environment was made", "make an Environment first")
     return _current[-1]
@@ -114,7 +114,7 @@ def getVisualShapeData(objectUniqueId: int, *_: Any, **__: Any) -> tuple[tuple[A
 
 
 def resetBasePositionAndOrientation(bodyUniqueId: int, posObj: Any, ornObj: Any, *_: Any, **__: Any) -> None:
-    """Set an object down at a pose at once."""
+    """Teleport an object to a pose."""
     env = _current_environment()
     asset = env.object_by_id(bodyUniqueId).asset
     pose = parse_pose((posObj, ornObj), f"p.resetBasePositionAndOrientation of object {bodyUniqueId} ({asset})")
@@ -123,7 +123,7 @@ def resetBasePositionAndOrientation(bodyUniqueId: int, posObj: Any, ornObj: Any,
 
 def getNumBodies(*_: Any, **__: Any) -> int:
     """How many objects the task has."""
-    return sum(map(len, _current_environment().obj_ids.values()))
+    return sum(item.role == "task" for item in _current_environment().objects)
 
 
 def multiplyTransforms(
@@ -211,7 +211,7 @@ def createMultiBody(
     *_: Any,
     **__: Any,
 ) -> int:
-    """Add a body of one shape, with its template's mass; returns its id.
+    """Add a body of a single shape, with its template's mass; returns its id.
 
     Without mass it is fixed, without a collision shape a mark.
     """

@@ -1,4 +1,4 @@
-"""What the package ``transforms3d`` offers for rotations, which CLIPort requires and its programs import.
+"""Rotations under the names of ``transforms3d``, which CLIPort requires and its programs import.
 
 Quaternions are (w, x, y, z) here, other than everywhere else in GRS; angles are radians. Axes are named as there:
 ``s`` or ``r`` for axes that stand still or turn along, then the letters of the three axes, first rotation first.
@@ -18,13 +18,13 @@ Axes = str | tuple[int, int, int, int]
 _TINY: Final = float(np.finfo(np.float64).eps)
 _LETTERS: Final = "xyz"
 _NEXT: Final = (1, 2, 0, 1)
-"""The axis after each, in a circle."""
+"""The next axis, cyclically."""
 
 
 def _read_axes(axes: Axes) -> tuple[int, int, int, int]:
     """First axis, parity, repetition and frame of a convention (Shoemake, Graphics Gems IV).
 
-    Raises ``KeyError`` for what is none.
+    Raises ``KeyError`` for an unknown convention.
     """
     if not isinstance(axes, str):
         return axes
@@ -37,17 +37,12 @@ def _read_axes(axes: Axes) -> tuple[int, int, int, int]:
     return first, int(second != _NEXT[first]), int(first == third), int(axes[0] == "r")
 
 
-def _axes_of_rotations(axes: Axes) -> tuple[tuple[int, int, int], bool]:
-    """The axes about which to turn, in the order of turning about axes that stand still; whether that reverses."""
-    first, parity, repetition, frame = _read_axes(axes)
-    second, third = _NEXT[first + parity], _NEXT[first - parity + 1]
-    return (first, second, first if repetition else third), bool(frame)
-
-
 def euler2quat(ai: float, aj: float, ak: float, axes: Axes = "sxyz") -> FloatArray:
     """Quaternion (w, x, y, z) of three angles (rad)."""
-    order, reverses = _axes_of_rotations(axes)
-    angles = (ak, aj, ai) if reverses else (ai, aj, ak)
+    first, parity, repetition, frame = _read_axes(axes)
+    second, third = _NEXT[first + parity], _NEXT[first - parity + 1]
+    order = (first, second, first if repetition else third)  # of rotations about fixed axes
+    angles = (ak, aj, ai) if frame else (ai, aj, ak)
     turns = [axangle2quat(np.eye(3)[axis], angle, True) for axis, angle in zip(order, angles, strict=True)]
     return reduce(lambda before, turn: qmult(turn, before), turns)
 
@@ -58,7 +53,7 @@ def euler2mat(ai: float, aj: float, ak: float, axes: Axes = "sxyz") -> FloatArra
 
 
 def mat2euler(mat: Any, axes: Axes = "sxyz") -> tuple[float, float, float]:
-    """Three angles (rad) of a rotation matrix (3, 3), or of the one in an affine (4, 4)."""
+    """Three angles (rad) of a rotation matrix (3, 3), or of that in an affine (4, 4)."""
     i, parity, repetition, frame = _read_axes(axes)
     j, k = _NEXT[i + parity], _NEXT[i - parity + 1]
     m = np.asarray(mat, dtype=np.float64)[:3, :3]
@@ -108,7 +103,7 @@ def axangle2aff(axis: Numbers, angle: float, point: Numbers | None = None) -> Fl
 
 
 def mat2axangle(mat: Any, unit_thresh: float = 1e-5) -> tuple[FloatArray, float]:
-    """Axis (3,) and angle (rad, 0..pi) of a rotation matrix (3, 3); raises ``ValueError`` for what is none."""
+    """Axis (3,) and angle (rad, 0..pi) of a rotation matrix (3, 3); raises ``ValueError`` for any other matrix."""
     m = np.asarray(mat, dtype=np.float64)
     if not np.allclose(m @ m.T, np.eye(3), atol=max(unit_thresh, 1e-5)) or np.linalg.det(m) < 0:
         raise ValueError("no unit eigenvector corresponding to eigenvalue 1")
@@ -132,7 +127,7 @@ def axangle2quat(vector: Numbers, theta: float, is_normalized: bool = False) -> 
 
 
 def quat2axangle(quat: Numbers, identity_thresh: float | None = None) -> tuple[FloatArray, float]:
-    """Axis (3,) and angle (rad) of a quaternion (w, x, y, z); about x by 0 for one that turns nothing."""
+    """Axis (3,) and angle (rad) of a quaternion (w, x, y, z); about x by 0 for the identity."""
     q = np.asarray(quat, dtype=np.float64)
     length = float(np.linalg.norm(q))
     if not math.isfinite(length):
@@ -145,7 +140,7 @@ def quat2axangle(quat: Numbers, identity_thresh: float | None = None) -> tuple[F
 
 
 def quat2mat(q: Numbers) -> FloatArray:
-    """Rotation matrix (3, 3) of a quaternion (w, x, y, z) of any length; one of length 0 turns nothing."""
+    """Rotation matrix (3, 3) of a quaternion (w, x, y, z) of any length; length 0 gives the identity."""
     w, x, y, z = (float(value) for value in q)
     square = w * w + x * x + y * y + z * z
     if square < _TINY:
@@ -178,7 +173,7 @@ def mat2quat(mat: Any) -> FloatArray:
 
 
 def fillpositive(xyz: Numbers, w2_thresh: float | None = None) -> FloatArray:
-    """Quaternion (w, x, y, z) of length 1 with these last three numbers; raises ``ValueError`` for too long ones."""
+    """Quaternion (w, x, y, z) of length 1 with these last three numbers; raises ``ValueError`` if they are too long."""
     square = 1.0 - float(np.dot(xyz, xyz))
     if square < (-3 * _TINY if w2_thresh is None else w2_thresh):
         raise ValueError(f"w2 should be positive, but is {square:e}")
@@ -253,7 +248,7 @@ def rotate_vector(v: Numbers, q: Numbers, is_normalized: bool = True) -> FloatAr
 
 
 def nearly_equivalent(q1: Numbers, q2: Numbers, rtol: float = 1e-5, atol: float = 1e-8) -> bool:
-    """Whether two quaternions turn alike: they are equal, or one is the negative of the other."""
+    """Whether two quaternions are the same rotation: equal or negatives of each other."""
     first, second = np.asarray(q1, dtype=np.float64), np.asarray(q2, dtype=np.float64)
     return any(np.allclose(first, sign * second, rtol, atol) for sign in (1, -1))
 

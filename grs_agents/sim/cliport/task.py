@@ -1,4 +1,4 @@
-"""The class that simulation programs derive from, and how it is found in a program."""
+"""``Task``, the class that simulation programs derive from, and functions that find it in a program."""
 
 import ast
 import itertools
@@ -16,28 +16,24 @@ from grs_agents.sim.cliport.environment import Environment
 from grs_agents.sim.cliport.goal_arguments import UNSTATED, GoalArguments, convert_to_goal, states_no_object
 from grs_agents.sim.cliport.task_helpers import TaskKit, add_kitting_objects
 from grs_agents.sim.expert.oracle import Oracle
-from grs_agents.sim.expert.push_oracle import PushOracle
-from grs_agents.sim.goals import task_accounting
-from grs_agents.sim.goals.strict_score import StrictScorer
-from grs_agents.sim.goals.task_accounting import TaskAccounting
-from grs_agents.sim.instance.episode import GoalOutcome, NoFreeSpaceError, SimulationError
+from grs_agents.sim.instance.episode import NoFreeSpaceError, SimulationError
 from grs_agents.sim.instance.goal import Goal
-from grs_agents.sim.instance.task_instance import POSITION_TOLERANCE, ROTATION_TOLERANCE
 from grs_agents.sim.motion import placement
+from grs_agents.sim.tabletop_episode import make_oracle
 from grs_agents.sim.world import templates
+from grs_agents.sim.world.context import PROCESS_CONTEXT
 from grs_agents.sim.world.footprints import Prism, collider_prisms_at_pose
 
 _PATIENCE = 200
+"""Failed requests for a free place after which the program fails."""
 _ORIGIN: Pose = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
-_UNTOLD_HEIGHT = 0.1
-"""Metres: published programs place what has no height told with its centre at 5 cm."""
+_DEFAULT_HEIGHT = 0.1
+"""Height of objects without a stated height, metres: published programs place their centre at 5 cm."""
 _ROOM: Final = ((True, 0.01), (True, 0.002), (False, 0.002))
-"""Whether marks are kept free, and the room around an object (m), by which published programs draw places, best first:
-CLIPort keeps no room, and 14 blocks that it brings into 30 x 20 cm found none here."""
+"""Rules by which published programs draw places, best first: whether marks are kept free, and the gap around an object
+(m). CLIPort keeps no gap; its 14 blocks in 30 x 20 cm found no place with the usual gap."""
 _PARKED = 2.0
-"""What lies so far to the side of the robot is off the table, metres."""
-_LENIENT = 0.05
-"""A goal is met when at most 0.01 of reward is missing, and at most this share of the goal."""
+"""Distance to the side of the robot from which on an object counts as parked off the table, metres."""
 
 
 class Task(TaskKit):
@@ -77,19 +73,8 @@ class Task(TaskKit):
 
     def __init__(self) -> None:
         super().__init__()
-        self.grs = TaskAccounting(self)
-        self.max_steps = 10
-        self.lang_template = ""
-        self.task_completed_desc = "task completed."
-        self.sixdof = False
-        self.pos_eps = POSITION_TOLERANCE
-        self.rot_eps = ROTATION_TOLERANCE
-        self.zone_bounds: FloatArray = np.copy(self.bounds)
         self.ee: Any = end_effectors.Suction
         self.primitive: Any = end_effectors.PickPlace()
-        self.goals: list[Goal] = []
-        self.lang_goals: list[str] = []
-        self.progress = 0.0
         self._arguments: list[tuple[Goal, GoalArguments]] = []
 
     def additional_reset(self) -> None:
@@ -97,8 +82,8 @@ class Task(TaskKit):
 
     def reset(self, env: Environment) -> None:
         """Clear the goals. A program's own ``reset`` calls ``super().reset(env)``, then adds objects and goals."""
-        self.grs.begin_reset(env)
-        self.goals, self.lang_goals, self.progress, self._arguments = [], [], 0.0, []
+        super().reset(env)
+        self._arguments = []
         if type(self).reward is not Task.reward:
             env.record_warning("the program's own reward() is no part of the task: its goals alone are scored")
 
@@ -183,14 +168,15 @@ class Task(TaskKit):
                 ``SCALE`` choose a kitting shape.
         """
         env = self.grs.reset_in
-        library = env.library if env is not None else templates.default_library()
+        library = env.library if env is not None else PROCESS_CONTEXT.get_library()
         if not isinstance(cast(object, replace), Mapping):
             raise SimulationError(
                 f"fill_template({template!r}): {replace!r} is no dictionary"[:300], "give {'DIM': (x, y, z), ...}"
             )
-        replace = {
-            stem: _unwrap_single_color_list(value) if stem == "COLOR" else value for stem, value in replace.items()
-        }
+        color = replace.get("COLOR")
+        listed = cast(Sequence[Any], color) if isinstance(color, list | tuple) else ()
+        if len(listed) == 1:  # a colour in a list, such as ``utils.get_random_color()[0]``
+            replace = {**replace, "COLOR": listed[0]}
         name, doubts = templates.fill_and_describe_template(library, template, replace)
         if env is not None:
             for doubt in doubts:
@@ -210,9 +196,13 @@ class Task(TaskKit):
         Raises:
             NoFreeSpaceError: it was asked again and again although there is no room.
         """
-        bound = _unknown.pop("bound", None)  # LoHo-Ravens': where the centre may be, as ``bounds``
+        bound = _unknown.pop("bound", None)  # LoHo-Ravens' bounds of the centre
         env.warn_of_unknown_arguments("task.get_random_pose", _unknown, Task.get_random_pose)
-        size = _parse_size_xyz(obj_size)
+        given = np.atleast_1d(np.asarray(obj_size, dtype=np.float64)).ravel().tolist()
+        if not given or not np.isfinite(given).all():
+            raise SimulationError(f"get_random_pose: {obj_size!r} is no size in metres", "give (x, y, z)")
+        x, y, z = (given * 3 if len(given) == 1 else [*given, _DEFAULT_HEIGHT])[:3]  # a single length is a cube's
+        size: Vec3 = (x, y, z)
         if min(size) < 0:
             env.record_warning("get_random_pose: a size with negative lengths was taken without their sign")
         bounds = self.bounds if bound is None else np.asarray(bound, dtype=np.float64)
@@ -233,9 +223,9 @@ class Task(TaskKit):
         return placement.sample_free_pose(size, bounds, _placement_obstacles(env), env.rng, env.arm)
 
     def spawn_box(self) -> None:
-        """Bring what a program parked beyond the table back to free places on it, all at once.
+        """Bring objects parked beyond the table to free places on it, all at once.
 
-        CLIPort brings one box after another while the robot works; an instance has all that it holds from the start.
+        CLIPort brings box after box while the robot works; an instance has all objects from the start.
         """
         env = self.grs.reset_in
         if not isinstance(env, Environment):
@@ -259,63 +249,18 @@ class Task(TaskKit):
         shapes = [int(shape) for shape in obj_shapes[:n_objects]]
         return add_kitting_objects(env, lambda size: self.get_random_pose(env, size), targets, shapes, colors)
 
-    def reward(self) -> tuple[float, dict[str, Any]]:
-        """What was gained since the last call; goals that are met leave ``goals``."""
-        partial = 0.0
-        while self.goals:
-            goal = self.goals[0]
-            share = float(np.mean(self.grs.score_goal_objects(goal)))
-            partial = goal.max_reward * share
-            if 1 - share > min(0.01 / max(goal.max_reward, 1e-9), _LENIENT):
-                break
-            self.progress += goal.max_reward
-            partial = 0.0
-            self.goals.pop(0)
-            if self.lang_goals:
-                self.lang_goals.pop(0)
-        before, self.grs.total = self.grs.total, min(1.0, self.progress + partial)
-        return self.grs.total - before, {}
-
-    def get_reward(self) -> float:
-        """What was gained since the reset, 0..1."""
-        return float(self.grs.total)
-
-    def done(self) -> bool:
-        """Whether every goal is met."""
-        return not self.goals and bool(self.grs.stated)
-
-    def goals_met(self, env: Environment) -> list[GoalOutcome]:
-        """How each goal stands now, judged strictly, in the order of the goals.
-
-        Each has ``met`` (bool), ``goal`` (what it asks for), ``strict`` (0..1) and ``shortfalls`` (for each object that
-        misses, a clause with numbers). In a test::
-
-            (x, y, z), _ = env.get_object_pose(env.find("HOPE/Milk.urdf")[0])
-            for goal in task.goals_met(env):
-                self.assertTrue(goal.met, goal)
-        """
-        if not env.places:
-            raise SimulationError("task.goals_met before the scene has settled", "call env.reset() first")
-        return self.grs.tell_goals(StrictScorer(self, env).measure_scene().goals)
-
-    def is_match(self, pose0: Pose, pose1: Pose, symmetry: float) -> bool:
-        """Whether two poses agree within ``pos_eps`` and ``rot_eps``."""
-        return task_accounting.is_pose_at_target(pose0, pose1, symmetry, self.pos_eps, self.rot_eps)
-
-    def get_lang_goal(self) -> str:
-        """The current goal in words, or ``task_completed_desc``."""
-        return self.lang_goals[0] if self.lang_goals else self.task_completed_desc
-
     def oracle(self, env: Environment) -> Oracle:
         """An agent that solves the task: ``agent.act(obs, info)`` gives the next action, or None when it stops."""
-        pushes = end_effectors.uses_push_primitive(self.ee, self.primitive)
-        agent = PushOracle(self, env) if pushes else Oracle(self, env)
+        agent = make_oracle(self, env, end_effectors.find_end_effector(self))
         return agent if env.witness is None else env.witness.watch_oracle(agent, env)
 
 
 class PublishedTask(Task):
-    """What programs get that import ``Task`` from ``cliport``: words of ``lang_template`` choose, as published, and
-    places are drawn with less room around them rather than not at all."""
+    """``Task`` for programs that import it from ``cliport``.
+
+    Words of ``lang_template`` choose tolerances and primitive, as published, and places are drawn with less room around
+    them rather than not at all.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -331,8 +276,10 @@ class PublishedTask(Task):
             self.ee, self.primitive = end_effectors.Spatula, end_effectors.push
 
     def _draw_free_pose(self, env: Environment, size: Vec3, bounds: FloatArray) -> Pose | None:
-        """A pose with the usual room around it, else with less, else on marks, else out of the program's ``bound``,
-        and where nothing is free, as in GenSim, one in what stands there."""
+        """A pose with the usual gap around it, else with less, else on marks, else out of the program's ``bound``.
+
+        Where nothing is free the pose overlaps other objects, as in GenSim.
+        """
         regions = [bounds] if bounds is self.bounds else [bounds, self.bounds]
         full = f"get_random_pose: no place is free for {size[0]:.2f} x {size[1]:.2f} m"
         for (outside, region), (marks, gap) in itertools.product(enumerate(regions), _ROOM):
@@ -347,24 +294,8 @@ class PublishedTask(Task):
         return placement.sample_free_pose(size, self.bounds, [], env.rng, env.arm)
 
 
-def _unwrap_single_color_list(color: Any) -> Any:
-    """One colour in a list, as ``utils.get_random_color()[0]`` is, counts as that colour."""
-    listed: Sequence[Any] = cast(Sequence[Any], color) if isinstance(color, list | tuple) else ()
-    return listed[0] if len(listed) == 1 else cast(Any, color)
-
-
-def _parse_size_xyz(size: Any) -> tuple[float, float, float]:
-    """A size in x, y, z (m) from as many lengths as a program gave: the first three; one is a cube's."""
-    given = np.atleast_1d(np.asarray(size, dtype=np.float64)).ravel().tolist()
-    if not given or not np.isfinite(given).all():
-        raise SimulationError(f"get_random_pose: {size!r} is no size in metres", "give (x, y, z)")
-    x, y, z = (given * 3 if len(given) == 1 else [*given, _UNTOLD_HEIGHT])[:3]
-    return x, y, z
-
-
 def _placement_obstacles(env: Environment, marks: bool = True) -> list[Prism]:
-    """One outline for each object, with ``marks`` on the table, since nothing should start on a target; and what is
-    around the robot."""
+    """Prisms of all objects and of the background, with ``marks`` also of marks: nothing should start on a target."""
     around = (
         []
         if env.background is None
@@ -375,7 +306,7 @@ def _placement_obstacles(env: Environment, marks: bool = True) -> list[Prism]:
 
 
 def find_task_class(module: ModuleType) -> type[Task]:
-    """The last ``Task`` subclass that a program defines; raises ``SimulationError`` without one."""
+    """The last ``Task`` subclass that a program defines; raises ``SimulationError`` without any."""
     classes = [
         value
         for value in vars(module).values()
@@ -389,9 +320,9 @@ def find_task_class(module: ModuleType) -> type[Task]:
 
 
 def defines_task_class(tree: ast.Module) -> bool:
-    """Whether source has a class that derives from ``Task``, directly, through others, or imported under another name.
+    """Whether source has a class that derives from ``Task``, directly, indirectly, or imported under another name.
 
-    This reads the source alone, so that the program cannot change the answer.
+    Only the source is read, so that the program cannot change the answer.
     """
     nodes = list(ast.walk(tree))
     imported = {
@@ -405,13 +336,13 @@ def defines_task_class(tree: ast.Module) -> bool:
     known = imported | ({"Task"} - bases.keys())
     grown = True
     while grown:
-        derived = {name for name, parents in bases.items() if any(_is_task_base(base, known) for base in parents)}
+        derived = {
+            name
+            for name, parents in bases.items()
+            for base in parents
+            if (isinstance(base, ast.Attribute) and base.attr == "Task")
+            or (isinstance(base, ast.Name) and base.id in known)
+        }
         grown = not derived <= known
         known |= derived
     return bool(known & bases.keys())
-
-
-def _is_task_base(base: ast.expr, known: set[str]) -> bool:
-    if isinstance(base, ast.Attribute):
-        return base.attr == "Task"
-    return isinstance(base, ast.Name) and base.id in known

@@ -4,7 +4,8 @@ They make ropes (beads in a row, each tied to the next at a point, laid on the t
 shapes (as GenSim's ``make_kitting_objects`` puts them there).
 """
 
-from collections.abc import Callable, Iterator, Sequence
+import itertools
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import PurePosixPath
 from typing import Any, Final, cast
@@ -18,30 +19,37 @@ from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.library.mesh_files import read_surface
 from grs_agents.sim.cliport import cameras
 from grs_agents.sim.cliport.environment import Environment
-from grs_agents.sim.goals.task_accounting import TaskAccounting
 from grs_agents.sim.instance.episode import NoFreeSpaceError, SimulationError
 from grs_agents.sim.instance.task_instance import InstanceTie
 from grs_agents.sim.motion import placement
+from grs_agents.sim.tabletop import TabletopSim, parse_pose
+from grs_agents.sim.tabletop_episode import GoalTask
 from grs_agents.sim.world import templates
 from grs_agents.sim.world.colors import COLORS
-from grs_agents.sim.world.footprints import Prism, rotation_matrix_2d
-from grs_agents.sim.world.tabletop import Tabletop, parse_pose
+from grs_agents.sim.world.context import PROCESS_CONTEXT
+from grs_agents.sim.world.footprints import rotation_matrix_2d
 
 _BEAD: Final = "sphere/sphere_rope.urdf"
 _BEAD_RADIUS: Final = 0.005
 _BENDS: Final = (1.0, 1.0, 1.6, 2.4, 3.2, 4.2)
-"""How far a rope may turn from end to end, radians: gentle first, more where there is little room."""
+"""Total bends of a rope that are tried, radians: gentle first, more where there is little room."""
 _TRIES: Final = 12
 
 
 def add_rope(
-    env: Tabletop, bounds: FloatArray, corners: Any, radius: float, n_parts: int, color_name: str
+    env: TabletopSim, bounds: FloatArray, corners: Any, radius: float, n_parts: int, color_name: str
 ) -> tuple[list[tuple[int, tuple[float, None]]], list[Pose], FloatArray]:
     """Add a rope as ``Task.make_ropes`` does.
 
     Raises ``SimulationError`` for beads that are too few or do not fit, ``NoFreeSpaceError`` where there is no room.
     """
-    first, last = (_corner_to_xyz(corner) for corner in corners)
+    ends: list[FloatArray] = []
+    for corner in corners:
+        point = np.asarray(corner[0] if np.ndim(corner[0]) else corner, dtype=np.float64)
+        if point.shape != (3,) or not np.isfinite(point).all():
+            raise SimulationError(f"make_ropes: corner {corner!r} is no point", "give (x, y, z) in metres")
+        ends.append(point)
+    first, last = ends
     step = (last - first) / max(n_parts, 1)
     spacing = float(np.linalg.norm(step))
     if n_parts < 2 or spacing < 0.002:
@@ -65,14 +73,7 @@ def add_rope(
     return [(number, (0.0, None)) for number in numbers], targets, matches
 
 
-def _corner_to_xyz(corner: Any) -> FloatArray:
-    point = np.asarray(corner[0] if np.ndim(corner[0]) else corner, dtype=np.float64)
-    if point.shape != (3,) or not np.isfinite(point).all():
-        raise SimulationError(f"make_ropes: corner {corner!r} is no point", "give (x, y, z) in metres")
-    return point
-
-
-def _add_beads(env: Tabletop, points: FloatArray, radius: float, color_name: str) -> list[int]:
+def _add_beads(env: TabletopSim, points: FloatArray, radius: float, color_name: str) -> list[int]:
     """Add beads at points (N, 2), each with its x axis towards the next."""
     urdf, color = _BEAD, None if color_name == "red" else color_name
     if abs(radius - _BEAD_RADIUS) > 1e-6:
@@ -89,43 +90,30 @@ def _add_beads(env: Tabletop, points: FloatArray, radius: float, color_name: str
     return numbers
 
 
-def _find_free_rope_curve(env: Tabletop, bounds: FloatArray, count: int, spacing: float, radius: float) -> FloatArray:
+def _find_free_rope_curve(
+    env: TabletopSim, bounds: FloatArray, count: int, spacing: float, radius: float
+) -> FloatArray:
     """Points (count, 2) of a curve with equal steps that lies free on the table, within reach."""
-    for standing in _rope_obstacles(env):
-        points = _find_rope_curve_among(standing, env, bounds, count, spacing, radius)
-        if points is not None:
-            return points
+    everything = [env.object_prism(item.id) for item in env.objects]
+    solid = [env.object_prism(item.id) for item in env.objects if env.object_model(item.id).colliders]
+    for obstacles, bend in itertools.product((everything, solid), _BENDS):  # on marks only where else there is no room
+        for _ in range(_TRIES):
+            curve = _arc_points(count, spacing, bend * float(env.rng.uniform(0.5, 1.0) * env.rng.choice([-1.0, 1.0])))
+            size = (*(np.ptp(curve, axis=0) + 2 * radius), 2 * radius)
+            pose = placement.sample_free_pose(size, bounds, obstacles, env.rng, env.arm)
+            if pose is None:
+                break
+            points = curve @ rotation_matrix_2d(transforms.yaw_of_quaternion(pose[1])).T + np.asarray(pose[0][:2])
+            if env.arm.reachable_mask(np.column_stack([points, np.full(count, 2 * radius)])).all():
+                return points
     raise NoFreeSpaceError(
         f"no free place for a rope of {count} beads, {count * spacing:.2f} m, among {len(env.objects)} objects",
         "add fewer objects or a shorter rope",
     )
 
 
-def _rope_obstacles(env: Tabletop) -> Iterator[list[Prism]]:
-    """What a rope keeps clear of: everything, or where that leaves no room, what it would touch."""
-    yield [env.object_prism(item.id) for item in env.objects]
-    yield [env.object_prism(item.id) for item in env.objects if env.object_model(item.id).colliders]
-
-
-def _find_rope_curve_among(
-    standing: Sequence[Prism], env: Tabletop, bounds: FloatArray, count: int, spacing: float, radius: float
-) -> FloatArray | None:
-    """The same, clear of what stands there; None where no room is found."""
-    for bend in _BENDS:
-        for _ in range(_TRIES):
-            curve = _arc_points(count, spacing, bend * float(env.rng.uniform(0.5, 1.0) * env.rng.choice([-1.0, 1.0])))
-            size = (*(np.ptp(curve, axis=0) + 2 * radius), 2 * radius)
-            pose = placement.sample_free_pose(size, bounds, standing, env.rng, env.arm)
-            if pose is None:
-                break
-            points = curve @ rotation_matrix_2d(transforms.yaw_of_quaternion(pose[1])).T + np.asarray(pose[0][:2])
-            if env.arm.reachable_mask(np.column_stack([points, np.full(count, 2 * radius)])).all():
-                return points
-    return None
-
-
 def _arc_points(count: int, spacing: float, bend: float) -> FloatArray:
-    """Points (count, 2) on an arc that turns by ``bend`` radians, about the middle of their box."""
+    """Points (count, 2) on an arc that bends by ``bend`` radians, centred on their bounding box."""
     headings = bend * (np.arange(count - 1) / max(count - 2, 1) - 0.5)
     steps = spacing * np.stack([np.cos(headings), np.sin(headings)], axis=1)
     points = np.vstack([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
@@ -135,22 +123,20 @@ def _arc_points(count: int, spacing: float, bend: float) -> FloatArray:
 _GRAIN: Final = "block/small.urdf"
 """A cube of 1 cm."""
 _CELL: Final = 0.0145
-"""A cell that holds it however it is turned, metres."""
+"""Side of a cell that holds it at any yaw, metres."""
 _CORNER: Final = {"DIMX": 0.04, "DIMY": 0.04}
-"""Where an anchor's two strokes lie, as GenSim has them, metres."""
+"""Positions of an anchor's two strokes, as in GenSim, metres."""
 
 
 KIT_LETTERS: Final = {"R": 0, "A": 1, "T": 5, "O": 11, "G": 12, "V": 13, "E": 14, "L": 15, "M": 19}
 """The kitting shapes that look like a letter; O is the disk."""
 
 
-class TaskKit:
-    """What a task can call besides ``add_object`` and ``add_goal``."""
-
-    grs: TaskAccounting
+class TaskKit(GoalTask):
+    """CLIPort's helper methods and attributes of a task."""
 
     def __init__(self) -> None:
-        self.bounds: FloatArray = np.array([[0.25, 0.75], [-0.5, 0.5], [0.0, 0.28]])
+        super().__init__()
         self.pix_size = 0.003125
         self.mode = "train"
         self.assets_root = ""
@@ -161,18 +147,18 @@ class TaskKit:
         self.continuous = False
         self.task_difficulty_level = "easy"
         self.kit = dict(KIT_LETTERS)
-        self._early_rng = np.random.default_rng(templates.defaults.seed)
+        self._early_rng = np.random.default_rng(PROCESS_CONTEXT.seed)
 
     def set_assets_root(self, assets_root: str) -> None:
         """Kept for CLIPort programs: names of assets are the library's, whatever folder stands before them."""
         self.assets_root = assets_root
 
     def get_asset_full_path(self, path: str) -> str:
-        """The library's name of an asset; what stands before it is ignored."""
+        """The library's name of an asset; leading folders are ignored."""
         return path
 
     def zip_obj_ids(self, obj_ids: Sequence[Any], symmetries: Sequence[float] | None) -> list[Any]:
-        """``[(id, (symmetry, None)), ...]`` as ``objs`` of a goal; ids that have theirs stay as they are."""
+        """``[(id, (symmetry, None)), ...]`` as ``objs`` of a goal; pairs stay as they are."""
         if len(obj_ids) and isinstance(obj_ids[0], tuple):
             return list(obj_ids)
         angles = [0.0] * len(obj_ids) if symmetries is None else symmetries
@@ -180,8 +166,10 @@ class TaskKit:
 
     @property
     def rng(self) -> np.random.Generator:
-        """The environment's random numbers, or the program's own: the same seed draws the same scene.
-        Before the first reset they are those of the process's seed."""
+        """The environment's random generator, or the program's own; before the first reset that of the process's seed.
+
+        The same seed draws the same scene.
+        """
         if self.grs.rng is None and self.grs.reset_in is None:
             return self._early_rng
         return self.grs.rng or self.grs.env.rng
@@ -216,7 +204,7 @@ class TaskKit:
     def check_require_obj(self, path: str) -> bool:
         """Whether the library has an asset."""
         env = self.grs.reset_in
-        library = env.library if env is not None else templates.default_library()
+        library = env.library if env is not None else PROCESS_CONTEXT.get_library()
         return templates.resolve_asset_name(path, library) in library
 
     def make_piles(self, env: Environment, block_color: Any = None, *_more: Any, **_unknown: Any) -> list[int]:
@@ -228,7 +216,10 @@ class TaskKit:
         asked = _unknown.pop("num_blocks", _more[0] if _more else None)
         piles = int(_unknown.pop("count", 1))  # LoHo-Ravens': so many piles, apart, as a list of each
         env.warn_of_unknown_arguments("task.make_piles", _unknown, TaskKit.make_piles)
-        count, colors = self.num_blocks if asked is None else int(asked), _list_colors(block_color)
+        listed = cast(Sequence[Any], block_color) if isinstance(block_color, list | tuple) else ()
+        several = len(listed) > 0 and not isinstance(listed[0], float | int | np.number)  # else a single colour
+        count = self.num_blocks if asked is None else int(asked)
+        colors: list[Any] = list(listed) if several else [cast(Any, block_color)]
         if piles <= 1:
             return _strew_pile(env, self.bounds[:2, 0] + (0.15, 0.4), 0.2, count, colors)
         corners = [self.bounds[:2, 0] + 0.3 / piles * (index + 1) for index in range(piles)]
@@ -295,8 +286,7 @@ class TaskKit:
 
 
 def _strew_pile(env: Environment, low: FloatArray, width: float, count: int, colors: Sequence[Any]) -> list[int]:
-    """Strew cubes over a square patch from a corner (2,) on, each in a cell of its own, so that none starts inside
-    another, of this pile or of one before."""
+    """Strew cubes over a square patch with its low corner (2,), each in a free cell, so that none starts in another."""
     side = int(width / _CELL)
     cells = np.stack(np.meshgrid(np.arange(side), np.arange(side), indexing="ij"), axis=-1).reshape(-1, 2)
     strewn = np.array([item.pose[0][:2] for item in env.objects if item.asset == _GRAIN]).reshape(-1, 2)
@@ -314,15 +304,8 @@ def _strew_pile(env: Environment, low: FloatArray, width: float, count: int, col
     return ids
 
 
-def _list_colors(color: Any) -> list[Any]:
-    """The colours that objects take in turn, of one colour (a name or numbers) or a list of colours."""
-    listed = cast(Sequence[Any], color) if isinstance(color, list | tuple) else ()
-    several = len(listed) > 0 and not isinstance(listed[0], float | int | np.number)
-    return list(listed) if several else [color]
-
-
 def _sample_upward_surface(triangles: FloatArray, count: int, rng: np.random.Generator) -> FloatArray:
-    """Points (count, 3) drawn evenly, as seen from above, from those of the triangles (N, 3, 3) that face upwards."""
+    """Points (count, 3) drawn uniformly, seen from above, from the triangles (N, 3, 3) that face upwards."""
     corner, first, second = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     area = np.maximum(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0], 0.0)
     chosen = rng.choice(len(area), count, p=area / area.sum())
@@ -333,23 +316,23 @@ def _sample_upward_surface(triangles: FloatArray, count: int, rng: np.random.Gen
 
 _FOLDS: Final = (1, 1, 3, 4, 4, 1, 2, 5, 2, 4, 5, 0, 1, 1, 1, 1, 0, 6, 1, 1)
 SYMMETRIES: Final = tuple(2 * np.pi / fold if fold else 0.0 for fold in _FOLDS)
-"""For each kitting shape the angle (rad) after which it looks the same; 0 = any."""
+"""Rotational symmetry of each kitting shape, radians; 0 = any angle."""
 SCALE: Final = (0.003, 0.003, 0.001)
 SIZE: Final = (0.08, 0.08, 0.02)
-"""The most room, metres, that a shape of this scale takes."""
+"""Largest extents of a shape at this scale, metres."""
 
 
 def add_kitting_objects(
-    env: Tabletop,
+    env: TabletopSim,
     place: Callable[[Sequence[float]], Any],
     targets: Sequence[Any],
     shapes: Sequence[int],
     colors: Sequence[Any],
 ) -> tuple[list[tuple[int, tuple[float, None]]], list[FloatArray]]:
-    """Put one object of each shape (0..19) where ``place`` gives a free pose for its size (m).
+    """Add an object of each shape (0..19) at the free pose that ``place`` gives for its size (m).
 
     Returns ``[(id, (symmetry, None)), ...]``, and for each object its row of ``matches``: 1 at targets of its shape.
-    Raises ``SimulationError`` for an unknown shape or too few colours, ``NoFreeSpaceError`` where there is no room.
+    Raises ``SimulationError`` for an unknown shape or too few colours, ``NoFreeSpaceError`` without a free place.
     """
     unknown = [shape for shape in shapes if not 0 <= shape < len(SYMMETRIES)]
     if unknown or len(colors) < len(shapes):

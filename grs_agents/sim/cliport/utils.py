@@ -31,25 +31,25 @@ _SHAPES = """letter R shape, letter A shape, triangle, square, plus, letter T sh
 flower, star, circle, letter G shape, letter V shape, letter E shape, letter L shape, ring, hexagon, heart,
 letter M shape"""
 assembling_kit_shapes = dict(enumerate(_SHAPES.replace("\n", " ").split(", ")))
-"""What the kitting shapes look like, by number."""
+"""Descriptions of the kitting shapes by number."""
 
 
 def get_colors_names(mode: str) -> list[str]:
-    """The names of the colours of a mode: ``'train'``, ``'full'`` (both sets), else those kept for evaluation."""
+    """Colour names of a mode: ``'train'``, ``'full'`` (both sets), else the set kept for evaluation."""
     if mode == "train":
         return list(TRAIN_COLORS)
     return list(dict.fromkeys(TRAIN_COLORS + EVAL_COLORS)) if mode == "full" else list(EVAL_COLORS)
 
 
 def get_colors(mode: str = "train", n_colors: int = -1, **_: object) -> tuple[list[list[float]], list[str]]:
-    """All colours of a mode or ``n_colors`` of them at random, and their names."""
+    """All colours of a mode, or ``n_colors`` of them at random, and their names."""
     names = get_colors_names(mode)
     chosen = names if n_colors < 0 else random.sample(names, n_colors)
     return [list(COLORS[name]) for name in chosen], chosen
 
 
 def get_random_color() -> tuple[list[list[float]], list[str]]:
-    """One colour of the training set and its name, each in a list."""
+    """A colour of the training set and its name, each in a list."""
     return get_colors(n_colors=1)
 
 
@@ -71,7 +71,7 @@ def KDTree(node: TreeNode, min_object_dim: float, margin: float, bboxes: list[An
     if len(long) == 0:
         bboxes.append(bbox)
         return
-    axis = random.choice([int(one) for one in long])
+    axis = random.choice([int(index) for index in long])
     cut = random.uniform(float(bbox[axis]) + min_object_dim, float(bbox[axis + 3]) - min_object_dim)
     lower, upper = bbox.copy(), bbox.copy()
     lower[axis + 3], upper[axis] = cut - margin / 2, cut + margin / 2
@@ -103,12 +103,12 @@ light brown boot with golden laces, lion figure, pepsi max box, pepsi next box, 
 red and white striped towel, red cup, screwdriver, toy train, unicorn toy, white razer mouse, yoshi figure"""
 _seen, _unseen = (text.replace("\n", " ").split(", ") for text in (_SEEN, _UNSEEN))
 google_seen_obj_shapes = google_unseen_obj_shapes = {"train": _seen, "val": _unseen, "test": _unseen}
-"""What CLIPort calls its scanned household objects; the objects themselves are not in the library."""
+"""CLIPort's names of its scanned household objects; the objects themselves are not in the library."""
 google_all_shapes = {mode: sorted(_seen + _unseen) for mode in ("train", "val", "test")}
 
 
 def map_kit_scale(size: Sequence[float]) -> list[float]:
-    """The ``SCALE`` of a kitting shape spoken of by a size (m): (0.03, 0.03, 0.02) gives the usual (3, 3, 1) / 1000."""
+    """The ``SCALE`` of a kitting shape of a nominal size (m): (0.03, 0.03, 0.02) gives the usual (3, 3, 1) / 1000."""
     return [size[0] / 10, size[1] / 10, size[2] / 20]
 
 

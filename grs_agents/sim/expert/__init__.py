@@ -1,1 +1,1 @@
-"""The scripted expert, which solves a task by what the simulation knows."""
+"""The scripted expert, which solves tasks from ground truth."""

@@ -1,9 +1,10 @@
-"""The oracle: knows the truth, works from the goals, frees what is in the way, and says why it stops.
+"""The oracle: plans from ground truth towards the goals, clears blockers first, and reports why it stops.
 
-For ropes it chooses the bead whose move brings the others along as near to their places as can be.
+A rope is placed bead by bead, by the move that is predicted to bring the whole chain nearest to its places.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Final
 
@@ -12,54 +13,166 @@ import numpy as np
 from grs_agents.base import Pose, Vec3
 from grs_agents.base.geometry import transforms
 from grs_agents.base.geometry.transforms import FloatArray
-from grs_agents.sim.expert import placement_planner
-from grs_agents.sim.expert.tilted_placement import TRIES, find_tilted_place_pose
-from grs_agents.sim.goals.scene_view import (
-    SceneView,
+from grs_agents.sim.expert.pose_placement import TRIES, choose_pose_target, find_tilted_place_pose
+from grs_agents.sim.expert.relation_placement import RelationPlanner
+from grs_agents.sim.expert.zone_packing import find_occupied_zone_target, pack_objects_into_zone, unplaced_zone_members
+from grs_agents.sim.goals.planning_scene import (
+    PlanningScene,
     carried_object_ids,
     describe_unmovables,
     has_toppled,
     make_oracle_stop,
 )
+from grs_agents.sim.goals.scores import MET
 from grs_agents.sim.goals.task_accounting import ScoredTask
 from grs_agents.sim.instance.episode import Stop, set_last_recorder
-from grs_agents.sim.instance.goal import Goal
+from grs_agents.sim.instance.goal import Goal, Zone
 from grs_agents.sim.motion.grasp import find_grasp
-from grs_agents.sim.motion.placement import BlockedTarget, ReachTest, Spot, describe_out_of_reach, format_point
-from grs_agents.sim.world.tabletop import Tabletop
+from grs_agents.sim.motion.placement import (
+    BlockedTarget,
+    ReachTest,
+    Region,
+    Spot,
+    Target,
+    describe_out_of_reach,
+    find_free_spot,
+    format_point,
+    rotated_outline_at_origin,
+    wrap_angle,
+)
+from grs_agents.sim.tabletop import TabletopSim
+from grs_agents.sim.world.footprints import Prism, rest_heights_at_offsets
+
+_CLIMB: Final = 0.012
+"""Greatest rise of an object that is put aside, metres: never on top of its neighbours."""
+
+
+@dataclass(frozen=True)
+class PlannedSpot:
+    """A spot, and the pose of its object at planning time: the turn is relative to that."""
+
+    spot: Spot
+    pose: Pose
+
+
+class Planner:
+    """Chooses targets; caches the packing of each zone."""
+
+    def __init__(self) -> None:
+        self._plans: dict[Zone, dict[int, PlannedSpot]] = {}
+        self._relations = RelationPlanner()
+
+    def choose_target(self, goal: Goal, row: int, task: ScoredTask, scene: PlanningScene, lift: float) -> Target:
+        """Target of the object of a row of a goal, or the reason for none; it may share a zone with later goals.
+
+        ``lift`` is from the object's lowest point to the cup that holds it, metres.
+        """
+        if goal.relation is not None:
+            return self._relations.choose_target(goal, row, task, scene, lift)
+        if goal.metric == "pose":
+            return choose_pose_target(goal, row, task, scene, lift)
+        number, reasons = goal.objects[row], list[Target]()
+        for zone in goal.zones:
+            planned = self._plans.get(zone, {}).get(number)
+            if planned is not None and _is_plan_valid(planned, number, scene, lift):
+                return planned.spot
+            members = unplaced_zone_members(zone, task)
+            plan = pack_objects_into_zone(zone, [number, *(other for other in members if other != number)], scene, lift)
+            self._plans[zone] = {member: PlannedSpot(spot, scene.object_pose(member)) for member, spot in plan.items()}
+            if number in plan:
+                return plan[number]
+            reasons.append(find_occupied_zone_target(zone, number, members, task, scene, lift))
+        blocked = [reason for reason in reasons if isinstance(reason, Spot | BlockedTarget)]
+        return blocked[0] if blocked else reasons[0]
+
+    def goal_rows_to_move(self, goal: Goal, scene: PlanningScene) -> list[int]:
+        """Rows of a ``stacked`` or ``aligned`` goal whose objects must move, in order."""
+        return self._relations.goal_rows_to_move(goal, scene)
+
+
+def _is_plan_valid(planned: PlannedSpot, number: int, scene: PlanningScene, lift: float) -> bool:
+    """Whether an object is still where it was at planning time, and its spot still free."""
+    pose, spot = scene.object_pose(number), planned.spot
+    if (
+        float(np.abs(np.subtract(pose[0], planned.pose[0])).max()) > 0.003
+        or abs(wrap_angle(transforms.yaw_of_quaternion(pose[1]) - transforms.yaw_of_quaternion(planned.pose[1]))) > 0.03
+    ):
+        return False
+    shape = rotated_outline_at_origin(scene.object_prism(number), np.asarray(pose[0][:2]), spot.turn)
+    offset = np.array([spot.center])
+    height = rest_heights_at_offsets(shape, scene.prisms_of_other_objects(number), offset, 0.001)
+    return bool(abs(height[0] - spot.height) < 0.01 and ReachTest(lift, scene.arm)(offset, height)[0])
+
+
+def find_spot_aside(number: int, keep_free: Sequence[Prism], scene: PlanningScene, lift: float) -> Spot | None:
+    """A spot out of the way, near the object: within its container if there is room, else on the table."""
+    body, center = scene.object_prism(number), scene.object_pose(number)[0]
+    reserved = [Prism(prism.outline, 0.0, 1.0) for prism in keep_free]
+    for goal in scene.open_goals:  # targets of pose goals for other objects
+        for other in goal.objects if goal.metric == "pose" else ():
+            origin = np.asarray(scene.object_pose(other)[0][:2])
+            for target in goal.targets if other != number else ():
+                angle = transforms.yaw_of_quaternion(target[1]) - scene.object_yaw(other)
+                shape = rotated_outline_at_origin(scene.object_prism(other), origin, angle)
+                reserved.append(Prism(shape.outline + np.asarray(target[0][:2]), 0.0, 1.0))
+    others = [other for other in scene.object_ids if other != number]
+    holders = [other for other in others if scene.is_object_hollow(other) and scene.is_point_over_object(other, center)]
+    taken = [*scene.obstacles_to_plan_around([number], holders), *reserved]
+    receivers = [  # marks and containers, which goals fill
+        scene.object_prism(other)
+        for other in others
+        if not scene.object_model(other).colliders or scene.is_object_hollow(other)
+    ]
+    unmarked = [*taken, *(Prism(mark.outline, 0.0, 1.0) for mark in receivers)]
+    (x0, x1), (y0, y1), _ = scene.bounds.tolist()
+    table = _region_from_bounds(x0, y0, x1, y1)
+    tries = [(_region_from_bounds(*scene.object_prism(holder).bounding_box_xy), 0.003, taken) for holder in holders]
+    for region, gap, obstacles in (*tries, (table, 0.03, unmarked), (table, 0.01, unmarked)):
+        turns, suits = [0.0, np.pi / 2, np.pi / 4], ReachTest(lift, scene.arm)
+        spot = find_free_spot(body, center, turns, region, obstacles, gap, suits, spread=True, near=center)
+        if spot is not None and spot.height <= max(body.low, 0.0) + _CLIMB:
+            return spot
+    return None
+
+
+def _region_from_bounds(x0: float, y0: float, x1: float, y1: float) -> Region:
+    return Region(((x0 + x1) / 2, (y0 + y1) / 2), (x1 - x0, y1 - y0), 0.0)
+
 
 _SAMPLES: Final = 24
 _MISS: Final = 0.02
-"""What a bead out of tolerance costs besides its distance, metres."""
+"""Extra cost of a bead out of tolerance, metres."""
 
 
-def is_rope_goal(goal: Goal, view: SceneView) -> bool:
-    """Whether the objects of a goal are tied in a row, in their order, and each has a place of its own."""
+def is_rope_goal(goal: Goal, scene: PlanningScene) -> bool:
+    """Whether the objects of a goal are tied in a row, in order, each with its own target."""
     if goal.metric != "pose" or len(goal.objects) < 3 or len(goal.targets) != len(goal.objects):
         return False
-    tied = {frozenset((tie.parent, tie.child)) for tie in view.ties}
+    tied = {frozenset((tie.parent, tie.child)) for tie in scene.ties}
     return all(frozenset(pair) in tied for pair in pairwise(goal.objects)) and bool(_rope_targets_from_either_end(goal))
 
 
 def _rope_targets_from_either_end(goal: Goal) -> list[FloatArray]:
-    """Targets (N, 2) in the order of the beads: from either end, as far as the goal allows."""
+    """Targets (N, 2) in the order of the beads, from either end, as far as the goal allows."""
     targets, count = np.array([pose[0][:2] for pose in goal.targets]), len(goal.objects)
     orders = (np.arange(count), np.arange(count)[::-1])
     return [targets[order] for order in orders if all(goal.matches[row][target] for row, target in enumerate(order))]
 
 
 class RopePlanner:
-    """Remembers from which end each rope is laid: a chain of rods on a rough table, each following the one before."""
+    """Plans rope moves; remembers which end of each rope goes to which end of its targets."""
 
     def __init__(self) -> None:
         self._chosen: dict[tuple[int, ...], FloatArray] = {}
 
     def rank_bead_moves(
-        self, goal: Goal, view: SceneView, pos_eps: float, tries: Sequence[int]
+        self, goal: Goal, scene: PlanningScene, pos_eps: float, tries: Sequence[int]
     ) -> list[tuple[int, FloatArray]]:
-        """Rows of beads to take and where to (2,), metres, the most useful first; empty: all are in place. What was
-        tried before (``tries`` of each row) did not bring what the model of the rope promised."""
-        beads = np.array([view.object_pose(number)[0][:2] for number in goal.objects])
+        """Rows of beads to move and their targets (2,), metres, most useful first; empty once all are in place.
+
+        ``tries`` counts the earlier moves of each row, which did not have the predicted effect.
+        """
+        beads = np.array([scene.object_pose(number)[0][:2] for number in goal.objects])
         key = goal.objects
         if key not in self._chosen:
             ways = _rope_targets_from_either_end(goal)
@@ -79,7 +192,10 @@ class RopePlanner:
 
 
 def predict_dragged_rope(beads: FloatArray, row: int, target: FloatArray) -> FloatArray:
-    """Where beads (N, 2) come to lie when one of them is brought straight to a target (2,), metres."""
+    """Positions of beads (N, 2) after dragging a bead straight to a target (2,), metres.
+
+    Model: a chain of rods on a rough table, each following the rod ahead.
+    """
     points = beads.copy()
     lengths = np.linalg.norm(np.diff(beads, axis=0), axis=1)
     for share in np.linspace(0.0, 1.0, _SAMPLES)[1:]:
@@ -103,10 +219,9 @@ def _rope_placement_cost(beads: FloatArray, wanted: FloatArray, pos_eps: float) 
 
 
 _TRIED: Final = 0.02
-"""What each time that a bead was taken before counts against taking it again, metres."""
+"""Extra cost of moving a bead again, per earlier move, metres."""
 Action = dict[str, Pose]
 _ATTEMPTS: Final = 4
-_PLACED: Final = 0.985
 
 
 class Oracle:
@@ -126,22 +241,35 @@ class Oracle:
                 break
     """
 
-    def __init__(self, task: ScoredTask, table: Tabletop) -> None:
+    def __init__(self, task: ScoredTask, table: TabletopSim) -> None:
         self.task, self.table = task, table
         self._episode: Any = None
-        self._last: tuple[int, int] | None = None  # the attempt that the last action was
-        self.packings: dict[Any, Any] = {}  # see ``SceneView``; others may share them
+        self._last: tuple[int, int] | None = None  # the attempt of the last action
+        self.packings: dict[Any, Any] = {}  # see ``PlanningScene``; may be shared
         self._reset_episode_memory()
 
     def act(self, obs: Any = None, info: Any = None) -> Action | None:
-        """The next pick and place, or None when there is nothing to do or nothing that can be done."""
+        """The next pick and place; None if nothing is left to do or nothing can be done."""
         del obs, info
         if self._episode is not self.table.recorder:
             self._episode = self.table.recorder
             self._reset_episode_memory()
-        self._remember_last_action()
+        attempt, actions = self._last, self.table.recorder.actions
+        if attempt is not None and actions:  # an action repeated with the same outcome is hopeless: no further attempt
+            last = actions[-1]
+            known = (attempt, last.note, *np.round((last.pick, last.place), 3).ravel().tolist())
+            if known in self._known:
+                self._attempts[attempt] = _ATTEMPTS
+            self._known.add(known)
+            self._last = None
         self.table.recorder.stop = None
-        decision = self._choose_action_or_stop()
+        if not self.task.grs.stated:
+            decision = Stop("nothing_to_do", "the task states no goal: its reset() never calls add_goal")
+        elif not self.task.goals:
+            decision = Stop("success", "every goal is met")
+        else:
+            scene = PlanningScene(self.table, self.task.grs.stated, self.task.goals, self.packings)
+            decision = self._plan_for_unmet_goals(scene)
         if isinstance(decision, Stop):
             self.table.recorder.stop = decision
             set_last_recorder(self.table.recorder)
@@ -149,40 +277,30 @@ class Oracle:
         return decision
 
     def _reset_episode_memory(self) -> None:
-        """A new episode begins."""
+        """Forget the attempts of the last episode."""
         self._attempts: dict[tuple[int, int], int] = {}
         self._known: set[tuple[Any, ...]] = set()
         self._last = None
-        self._planner = placement_planner.Planner()
+        self._planner = Planner()
         self._ropes = RopePlanner()
 
-    def _remember_last_action(self) -> None:
-        """What has been done twice between the same points with the same outcome is hopeless: it is not tried again."""
-        attempt, actions = self._last, self.table.recorder.actions
-        if attempt is None or not actions:
-            return
-        last = actions[-1]
-        known = (attempt, last.note, *np.round((last.pick, last.place), 3).ravel().tolist())
-        if known in self._known:
-            self._attempts[attempt] = _ATTEMPTS
-        self._known.add(known)
-        self._last = None
-
-    def _choose_action_or_stop(self) -> Action | Stop:
-        if not self.task.grs.stated:
-            return Stop("nothing_to_do", "the task states no goal: its reset() never calls add_goal")
-        if not self.task.goals:
-            return Stop("success", "every goal is met")
-        return self._plan_for_unmet_goals(SceneView(self.table, self.task.grs.stated, self.task.goals, self.packings))
-
-    def _plan_for_unmet_goals(self, view: SceneView) -> Action | Stop:
-        """The next action for the goals that are not met, or why there is none."""
+    def _plan_for_unmet_goals(self, scene: PlanningScene) -> Action | Stop:
+        """The next action for open goals, or the reason for none."""
         for goal in self.task.goals:
-            if is_rope_goal(goal, view) and (plan := self._plan_rope_action(goal, view)) is not None:
-                return plan
+            if is_rope_goal(goal, scene):  # the most useful bead that can be picked
+                tries = [self._attempts.get((len(self.task.goals), number), 0) for number in goal.objects]
+                for row, target in self._ropes.rank_bead_moves(goal, scene, self.task.pos_eps, tries):
+                    attempt = (len(self.task.goals), goal.objects[row])
+                    tried = self._attempts.get(attempt, 0)
+                    hold = self.find_pick_point(attempt[1], scene) if tried < _ATTEMPTS else None
+                    spot = Spot((float(target[0]), float(target[1])), 0.0, 0.0)
+                    if isinstance(hold, tuple):
+                        reachable = ReachTest(hold[2], self.table.arm)(np.array([spot.center]), np.zeros(1))
+                        if reachable[0]:
+                            return self._make_action_for_attempt(attempt, hold, spot, scene)
             reasons: list[Stop] = []
-            for row in self._unplaced_rows_in_order(goal, view):
-                plan = self._plan_object_action(goal, row, view, ())
+            for row in self._unplaced_rows_in_order(goal, scene):
+                plan = self._plan_object_action(goal, row, scene, ())
                 if not isinstance(plan, Stop):
                     return plan
                 reasons.append(plan)
@@ -191,135 +309,133 @@ class Oracle:
         return self._make_nothing_to_move_stop()
 
     def _make_nothing_to_move_stop(self) -> Stop:
-        """Goals are open, yet no object is left to move."""
+        """The stop when goals are open, yet no object is left to move."""
         if not self.table.recorder.actions:
             return Stop("nothing_to_do", "every object is at its target already, before the robot does anything")
         clauses = self.table.recorder.build_episode().shortfalls
         why = f": {clauses[0]}" if clauses else ""
         return Stop("partial", f"no object is left to move, yet {len(self.task.goals)} goals are not met{why}")
 
-    def _plan_rope_action(self, goal: Goal, view: SceneView) -> Action | None:
-        """Take the bead of a rope to its place that helps the most; None if none can be taken."""
-        tries = [self._attempts.get((len(self.task.goals), number), 0) for number in goal.objects]
-        for row, target in self._ropes.rank_bead_moves(goal, view, self.task.pos_eps, tries):
-            number = goal.objects[row]
-            attempt = (len(self.task.goals), number)
-            hold = self.find_pick_point(number, view) if self._attempts.get(attempt, 0) < _ATTEMPTS else None
-            spot = Spot((float(target[0]), float(target[1])), 0.0, 0.0)
-            if isinstance(hold, tuple) and ReachTest(hold[2], self.table.arm)(np.array([spot.center]), np.zeros(1))[0]:
-                return self._make_action_for_attempt(attempt, hold, spot, view)
-        return None
-
-    def _make_action_for_attempt(self, attempt: tuple[int, int], hold: Vec3, spot: Spot, view: SceneView) -> Action:
-        """Carry the object that an attempt is about to a spot; the attempt counts."""
+    def _make_action_for_attempt(
+        self, attempt: tuple[int, int], hold: Vec3, spot: Spot, scene: PlanningScene
+    ) -> Action:
+        """Carry the object of an attempt to a spot, keeping the cup's place on it; the attempt counts."""
         self._count_attempt(attempt)
-        return _make_pick_place_action(attempt[1], hold, spot, view)
+        number = attempt[1]
+        center = scene.object_pose(number)[0]
+        x, y = hold[0] - center[0], hold[1] - center[1]
+        cos, sin = float(np.cos(spot.turn)), float(np.sin(spot.turn))
+        lift = hold[2] - scene.object_prism(number).low
+        place = (spot.center[0] + cos * x - sin * y, spot.center[1] + sin * x + cos * y, spot.height + lift)
+        return {
+            "pose0": (hold, transforms.IDENTITY),
+            "pose1": (place, transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, spot.turn))),
+        }
 
     def _count_attempt(self, attempt: tuple[int, int]) -> None:
         self._attempts[attempt] = self._attempts.get(attempt, 0) + 1
         self._last = attempt
 
-    def _unplaced_rows_in_order(self, goal: Goal, view: SceneView) -> list[int]:
-        """Rows of the goal whose objects are not yet placed: low targets and big objects first."""
+    def _unplaced_rows_in_order(self, goal: Goal, scene: PlanningScene) -> list[int]:
+        """Rows of the goal whose objects are not placed yet: low targets and big objects first."""
         scores = self.task.grs.score_goal_objects(goal)
         if goal.relation_kind in ("stacked", "aligned"):
-            met = min(scores) >= _PLACED
-            return [] if met else self._planner.goal_rows_to_move(goal, view)
-        rows = [row for row, score in enumerate(scores) if score < _PLACED]
+            met = min(scores) >= MET
+            return [] if met else self._planner.goal_rows_to_move(goal, scene)
+        rows = [row for row, score in enumerate(scores) if score < MET]
 
         def key(row: int) -> tuple[float, float, int]:
             heights = [goal.targets[index][0][2] for index in goal.allowed_target_indices(row)]
             lowest = min(heights, default=0.0) if goal.metric == "pose" else 0.0
-            size = view.object_extent_xy(goal.objects[row])
+            size = scene.object_extent_xy(goal.objects[row])
             return (round(lowest, 3), -size[0] * size[1], row)
 
         return sorted(rows, key=key)
 
-    def _plan_object_action(self, goal: Goal, row: int, view: SceneView, waiting: tuple[int, ...]) -> Action | Stop:
-        """The action that brings one object of a goal nearer to its target, or why there is none.
+    def _plan_object_action(
+        self, goal: Goal, row: int, scene: PlanningScene, waiting: tuple[int, ...]
+    ) -> Action | Stop:
+        """The action that brings an object of a goal nearer to its target, or the reason for none.
 
-        ``waiting`` are the objects that can move only after this one, first the one that waits for all others.
+        ``waiting`` are the objects that wait for this one to move, the first of them for all others.
         """
         number = goal.objects[row]
         attempt = (len(self.task.goals), number)
         if self._attempts.get(attempt, 0) >= _ATTEMPTS:
-            return self._make_giving_up_stop(number, view)
-        hold = self.find_pick_point(number, view)
+            name = scene.object_label(number)
+            tries = [action for action in self.table.recorder.actions if action.object in (number, None)]
+            trouble = tries[-1].trouble if tries else None
+            last = f"; last: {tries[-1].note}" if tries else ""
+            point = format_point(scene.object_pose(number)[0])
+            detail = f"{name} was not brought to its target, it is at {point}{last}"
+            toppled = has_toppled(number, scene, np.pi / 4)
+            return make_oracle_stop("toppled" if toppled else trouble or "dropped", detail, scene, number)
+        hold = self.find_pick_point(number, scene)
         if isinstance(hold, Stop):
             return hold
         if isinstance(hold, BlockedTarget):
-            return self._plan_blocker_removal(hold, number, view, waiting)
-        tilted = find_tilted_place_pose(goal, row, self.task, view, hold)
+            return self._plan_blocker_removal(hold, number, scene, waiting)
+        tilted = find_tilted_place_pose(goal, row, self.task, scene, hold)
         if tilted is not None and self._attempts.get(attempt, 0) < TRIES:
             self._count_attempt(attempt)
             return {"pose0": (hold, transforms.IDENTITY), "pose1": tilted}
-        return self._plan_upright_placement(goal, row, hold, view, waiting)
-
-    def _plan_upright_placement(
-        self, goal: Goal, row: int, hold: Vec3, view: SceneView, waiting: tuple[int, ...]
-    ) -> Action | Stop:
-        """Carry the object of a row of a goal, taken at ``hold`` (m), to a target, or free that first."""
-        number = goal.objects[row]
-        attempt = (len(self.task.goals), number)
-        lift = hold[2] - view.object_prism(number).low
-        target = self._planner.choose_target(goal, row, self.task, view, lift)
-        if isinstance(target, Stop):
-            return target
+        lift = hold[2] - scene.object_prism(number).low
+        target = self._planner.choose_target(goal, row, self.task, scene, lift)
         if isinstance(target, BlockedTarget):
-            cleared = self._plan_blocker_removal(target, number, view, waiting)
+            cleared = self._plan_blocker_removal(target, number, scene, waiting)
             if target.otherwise is None or not isinstance(cleared, Stop):
                 return cleared
             target = target.otherwise
-        return self._make_action_for_attempt(attempt, hold, target, view)
+        return target if isinstance(target, Stop) else self._make_action_for_attempt(attempt, hold, target, scene)
 
-    def find_pick_point(self, number: int, view: SceneView) -> Vec3 | BlockedTarget | Stop:
-        """Where to pick an object up, or what lies on it, or why it cannot be picked."""
-        carried = carried_object_ids(number, view)
-        immovable = self._stop_if_object_immovable(number, carried, view)
+    def find_pick_point(self, number: int, scene: PlanningScene) -> Vec3 | BlockedTarget | Stop:
+        """Pick point of an object (m), or the object that lies on it, or the reason why it cannot be picked."""
+        carried = carried_object_ids(number, scene)
+        immovable = self._stop_if_object_immovable(number, carried, scene)
         if immovable is not None:
             return immovable
-        if carried and not view.is_object_hollow(number):
+        if carried and not scene.is_object_hollow(number):
             return BlockedTarget(carried[0])
-        hold = find_grasp(view.physics, number, view.object_prism(number), view.prisms_of_other_objects(number))
+        hold = find_grasp(scene.physics, number, scene.object_prism(number), scene.prisms_of_other_objects(number))
         if hold.point is not None:
             return hold.point
-        movable = [other for other in hold.covered_by if view.may_robot_move(other)]
-        if movable:  # off it altogether: moved about in what it covers, it would cover that again
-            return BlockedTarget(movable[0], (view.object_prism(number),))
-        name = view.object_label(number)
+        movable = [other for other in hold.covered_by if scene.may_robot_move(other)]
+        if movable:  # off it altogether: moved within it, it would cover it again
+            return BlockedTarget(movable[0], (scene.object_prism(number),))
+        name = scene.object_label(number)
         if hold.covered_by:
-            detail = f"the top of {name} is covered by {describe_unmovables(hold.covered_by, view)}"
-            return make_oracle_stop("unreachable", detail, view, number, *hold.covered_by)
+            detail = f"the top of {name} is covered by {describe_unmovables(hold.covered_by, scene)}"
+            return make_oracle_stop("unreachable", detail, scene, number, *hold.covered_by)
         why = "is flat and wide enough for the cup to seal"
         if hold.trouble == "would_tip":
             why = "is so near to the middle of its weight that it would not tip off the cup"
-        return make_oracle_stop(hold.trouble or "unreachable", f"no place on top of {name} {why}", view, number)
+        return make_oracle_stop(hold.trouble or "unreachable", f"no place on top of {name} {why}", scene, number)
 
-    def _stop_if_object_immovable(self, number: int, carried: Sequence[int], view: SceneView) -> Stop | None:
-        """Why an object, with what it carries, cannot be moved at all; None if it can."""
-        name, position = view.object_label(number), view.object_pose(number)[0]
-        if not view.is_object_movable(number):
-            return make_oracle_stop("error", f"{name} is 'fixed' and cannot be moved; add it as 'rigid'", view, number)
-        top = (position[0], position[1], view.object_prism(number).high)
+    def _stop_if_object_immovable(self, number: int, carried: Sequence[int], scene: PlanningScene) -> Stop | None:
+        """The stop for an object that, with its load, cannot be moved at all; None if it can."""
+        name, position = scene.object_label(number), scene.object_pose(number)[0]
+        if not scene.is_object_movable(number):
+            return make_oracle_stop("error", f"{name} is 'fixed' and cannot be moved; add it as 'rigid'", scene, number)
+        top = (position[0], position[1], scene.object_prism(number).high)
         if not self.table.arm.can_reach_point(top):
             detail = f"object {name} at {format_point(position)} {describe_out_of_reach(top, self.table.arm)}"
-            return make_oracle_stop("unreachable", detail, view, number)
-        staying = [other for other in carried if not view.may_robot_move(other)]
+            return make_oracle_stop("unreachable", detail, scene, number)
+        staying = [other for other in carried if not scene.may_robot_move(other)]
         if staying:
-            detail = f"{name} cannot be moved: it carries {describe_unmovables(staying, view)}"
-            return make_oracle_stop("unreachable", detail, view, number, *staying)
+            detail = f"{name} cannot be moved: it carries {describe_unmovables(staying, scene)}"
+            return make_oracle_stop("unreachable", detail, scene, number, *staying)
         return None
 
     def _plan_blocker_removal(
-        self, blocked: BlockedTarget, number: int, view: SceneView, waiting: tuple[int, ...]
+        self, blocked: BlockedTarget, number: int, scene: PlanningScene, waiting: tuple[int, ...]
     ) -> Action | Stop:
-        """Move what is in the way: to its own target if it has one, else aside, as when it waits in turn."""
+        """Move a blocker: to its own target if it has one and does not wait in turn, else aside."""
         blocker, attempt, waiting = blocked.blocker, (-1, blocked.blocker), (*waiting, number)
 
         def make_blocked_stop(why: str) -> Stop:
-            taken = f"{view.object_label(number)}: its way or target is occupied by {view.object_label(blocker)}"
+            taken = f"{scene.object_label(number)}: its way or target is occupied by {scene.object_label(blocker)}"
             return make_oracle_stop(
-                "target_occupied", f"{taken}, which cannot be moved aside: {why}", view, number, blocker
+                "target_occupied", f"{taken}, which cannot be moved aside: {why}", scene, number, blocker
             )
 
         vain = self._attempts.get(attempt, 0) >= _ATTEMPTS
@@ -327,40 +443,16 @@ class Oracle:
             return make_blocked_stop("it was tried in vain" if vain else "each of the two is in the other's way")
         for goal in self.task.goals if blocker not in waiting else ():
             scores = self.task.grs.score_goal_objects(goal)
-            if blocker in goal.objects and scores[goal.objects.index(blocker)] < _PLACED:
-                plan = self._plan_object_action(goal, goal.objects.index(blocker), view, waiting)
+            if blocker in goal.objects and scores[goal.objects.index(blocker)] < MET:
+                plan = self._plan_object_action(goal, goal.objects.index(blocker), scene, waiting)
                 if not isinstance(plan, Stop):
                     return plan
-        hold = self.find_pick_point(blocker, view)
+        hold = self.find_pick_point(blocker, scene)
         if isinstance(hold, BlockedTarget):
-            return self._plan_blocker_removal(hold, blocker, view, waiting)
+            return self._plan_blocker_removal(hold, blocker, scene, waiting)
         if isinstance(hold, Stop):
             return make_blocked_stop(hold.detail)
-        spot = placement_planner.find_spot_aside(
-            blocker, blocked.keep_free, view, hold[2] - view.object_prism(blocker).low
-        )
+        spot = find_spot_aside(blocker, blocked.keep_free, scene, hold[2] - scene.object_prism(blocker).low)
         if spot is None:
             return make_blocked_stop("no place on the table is free for it")
-        return self._make_action_for_attempt(attempt, hold, spot, view)
-
-    def _make_giving_up_stop(self, number: int, view: SceneView) -> Stop:
-        name = view.object_label(number)
-        tries = [action for action in self.table.recorder.actions if action.object in (number, None)]
-        trouble = tries[-1].trouble if tries else None
-        last = f"; last: {tries[-1].note}" if tries else ""
-        detail = f"{name} was not brought to its target, it is at {format_point(view.object_pose(number)[0])}{last}"
-        toppled = has_toppled(number, view, np.pi / 4)
-        return make_oracle_stop("toppled" if toppled else trouble or "dropped", detail, view, number)
-
-
-def _make_pick_place_action(number: int, hold: Vec3, spot: Spot, view: SceneView) -> Action:
-    """Cup poses that carry an object to a spot: the cup keeps its place on the object."""
-    center = view.object_pose(number)[0]
-    x, y = hold[0] - center[0], hold[1] - center[1]
-    cos, sin = float(np.cos(spot.turn)), float(np.sin(spot.turn))
-    lift = hold[2] - view.object_prism(number).low
-    place = (spot.center[0] + cos * x - sin * y, spot.center[1] + sin * x + cos * y, spot.height + lift)
-    return {
-        "pose0": (hold, transforms.IDENTITY),
-        "pose1": (place, transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, spot.turn))),
-    }
+        return self._make_action_for_attempt(attempt, hold, spot, scene)

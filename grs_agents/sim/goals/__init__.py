@@ -1,1 +1,1 @@
-"""Whether goals hold: relations between objects, the published score and the strict one."""
+"""Scores of goals: relations between objects, the published score and the strict score."""

@@ -1,6 +1,5 @@
-"""What MuJoCo's contacts say of a scene: what reaches into what before it settles, and how everything is held up."""
+"""Overlaps between objects before they settle, and support forces on them at rest."""
 
-from collections.abc import Iterator
 from itertools import combinations, product
 from typing import Any, Final
 
@@ -10,24 +9,23 @@ import numpy.typing as npt
 from grs_agents.base import Frozen
 from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.base.mujoco_import import mujoco
+from grs_agents.sim.tabletop import TabletopSim
 from grs_agents.sim.world.footprints import Prism, signed_outline_gaps
-from grs_agents.sim.world.tabletop import Tabletop
+from grs_agents.sim.world.suction import GRAVITY
 
 _POINT: Final = np.zeros((1, 2))
 _AWAKE: Final = 50
-"""Time steps (0.2 s) in which contact forces come to rest once everything is woken."""
+"""Time steps (0.2 s) until contact forces have settled after waking all bodies."""
 _MEASURED: Final = 10
-"""The last of them, over which forces are averaged: those of boxes on a table jump from step to step."""
+"""Last of these steps, over which forces are averaged: those of boxes on a table jump from step to step."""
 _LEVEL: Final = 0.7
-"""A contact carries from below where its normal rises at least so steeply, as the sine of the angle: 45 degrees."""
-
-
+"""Least sine of the elevation of a contact normal for the contact to carry from below: 45 degrees."""
 _ON_TABLE: Final = 0.01
-"""What reaches lower than this (m) stands on the table, or on a mark there."""
+"""Greatest height of the underside of an object that stands on the table or on a mark, metres."""
 
 
 class Overlap(Frozen):
-    """Two objects that reach into each other."""
+    """Two interpenetrating objects."""
 
     first: int  # ids
     second: int
@@ -35,56 +33,51 @@ class Overlap(Frozen):
 
 
 class Support(Frozen):
-    """How the table and other objects hold one object up."""
+    """Support forces of the table and of other objects on an object."""
 
     object: int
-    # upward force of contacts that are nearly level, over its weight; less than 1 where steep walls carry the rest
+    # upward force of nearly level contacts, over its weight; less than 1 where steep walls carry the rest
     carried: float
-    squeeze: float  # sideways forces, added up, over its weight and that of what it carries; large where it is wedged
+    squeeze: float  # sum of sideways forces over its weight and that of its load; large for a wedged object
 
 
-def measure_overlaps(table: Tabletop) -> tuple[Overlap, ...]:
-    """Every pair of objects that reach into each other as they stand; the table and the robot do not count.
+def measure_overlaps(table: TabletopSim) -> tuple[Overlap, ...]:
+    """Every pair of interpenetrating objects; the table and the robot do not count.
 
-    A bystander on a mark counts, as what the mark says is to be free.
+    Pairs that MuJoCo does not collide count by their upright prisms: fixed objects, and bystanders on marks, which
+    are to be free.
     """
     physics = table.physics
     owners, depths = physics.world.owner_of_geom, dict[tuple[int, int], float]()
     contacts = physics.data.contact
-    found = [
-        (int(one), int(other), -float(distance))
-        for (one, other), distance in zip(owners[contacts.geom], contacts.dist, strict=True)
+    overlaps = [
+        (int(first), int(second), -float(distance))
+        for (first, second), distance in zip(owners[contacts.geom], contacts.dist, strict=True)
     ]
-    for one, other, depth in [*found, *_measure_noncolliding_overlaps(table)]:
-        if one != other and min(one, other) >= 0 and depth > 0:
-            key = (min(one, other), max(one, other))
+    prisms = table.collider_prisms()
+    fixed = [prism for prism in prisms if not table.is_object_movable(prism.owner)]
+    for first, second in combinations(fixed, 2):
+        upwards = min(first.high, second.high) - max(first.low, second.low)
+        if first.owner != second.owner and upwards > 0:  # most are parts of one bowl or tray
+            overlaps.append((first.owner, second.owner, min(upwards, _horizontal_overlap_depth(first, second))))
+    marks = [table.object_prism(item.id) for item in table.objects if not table.object_model(item.id).colliders]
+    bystanders = {item.id for item in table.objects if item.role == "bystander"}
+    standing = [prism for prism in prisms if prism.owner in bystanders and prism.low < _ON_TABLE]
+    for mark, prism in product(marks, standing):
+        overlaps.append((mark.owner, prism.owner, _horizontal_overlap_depth(mark, prism)))
+    for first, second, depth in overlaps:
+        if first != second and min(first, second) >= 0 and depth > 0:
+            key = (min(first, second), max(first, second))
             depths[key] = max(depths.get(key, 0.0), depth)
-    return tuple(Overlap(first=one, second=other, depth=depth) for (one, other), depth in depths.items())
+    return tuple(Overlap(first=first, second=second, depth=depth) for (first, second), depth in depths.items())
 
 
-def _measure_noncolliding_overlaps(table: Tabletop) -> Iterator[tuple[int, int, float]]:
-    """(id, id, metres) of what MuJoCo does not collide, by upright prisms: fixed things, and bystanders on marks."""
-    fixed = [prism for prism in table.collider_prisms() if not table.is_object_movable(prism.owner)]
-    for one, other in combinations(fixed, 2):
-        upwards = min(one.high, other.high) - max(one.low, other.low)
-        if one.owner != other.owner and upwards > 0:  # most are parts of one bowl or tray
-            yield one.owner, other.owner, min(upwards, _horizontal_overlap_depth(one, other))
-    marks = [item.id for item in table.objects if not table.object_model(item.id).colliders]
-    for mark, prism in product(map(table.object_prism, marks), _bystander_prisms_on_table(table) if marks else ()):
-        yield mark.owner, prism.owner, _horizontal_overlap_depth(mark, prism)
+def _horizontal_overlap_depth(first: Prism, second: Prism) -> float:
+    return -float(signed_outline_gaps(first.outline, second.outline, _POINT)[0])
 
 
-def _bystander_prisms_on_table(table: Tabletop) -> list[Prism]:
-    numbers = {item.id for item in table.objects if item.role == "bystander"}
-    return [prism for prism in table.collider_prisms() if prism.owner in numbers and prism.low < _ON_TABLE]
-
-
-def _horizontal_overlap_depth(one: Prism, other: Prism) -> float:
-    return -float(signed_outline_gaps(one.outline, other.outline, _POINT)[0])
-
-
-def measure_supports(table: Tabletop) -> tuple[Support, ...]:
-    """How each of the task's loose objects is held up, by the contact forces of a copy of the scene that is awake."""
+def measure_supports(table: TabletopSim) -> tuple[Support, ...]:
+    """Support of each loose object of the task, from contact forces in a copy of the scene with all bodies awake."""
     physics = table.physics
     model, world = physics.model, physics.world
     data = mujoco.MjData(model)
@@ -105,7 +98,7 @@ def measure_supports(table: Tabletop) -> tuple[Support, ...]:
     supports: list[Support] = []
     for number in mine:
         up, level, sideways = sums[number] / _MEASURED
-        weight = physics.object_mass(number) * 9.81
+        weight = physics.object_mass(number) * GRAVITY
         supports.append(
             Support(object=number, carried=round(level / weight, 3), squeeze=round(sideways / max(weight, up), 3))
         )
@@ -113,7 +106,7 @@ def measure_supports(table: Tabletop) -> tuple[Support, ...]:
 
 
 def _add_contact_forces(model: Any, data: Any, owners: npt.NDArray[np.int_], sums: FloatArray) -> None:
-    """Add what contacts do to the objects whose ids are rows of ``sums``."""
+    """Add the contact forces on the objects whose ids are rows of ``sums``."""
     force, held = np.empty(6), owners[data.contact.geom]
     for index in np.flatnonzero(((held >= 0) & (held < len(sums))).any(axis=1)).tolist():
         contact = data.contact[index]

@@ -1,1 +1,1 @@
-"""A task as data: objects, goals, and how an episode with them ended."""
+"""A task as data: objects, goals, and the result of an episode."""

@@ -1,4 +1,4 @@
-"""Why a value is refused, in words: which object it is of, its quantity, its unit and its bound."""
+"""Messages on refused values: object, quantity, unit and bound."""
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
@@ -19,7 +19,7 @@ _UNITS: Final = {
     "symmetries": "rad",
     "timestep": "s",
 }
-"""Of the numbers that are no lengths, by field."""
+"""Units of the numbers that are no lengths, by field."""
 _LISTED: Final = {"goals": "goal", "ties": "tie", "zones": "zone", "targets": "target", "warnings": "warning"}
 _BOUNDS: Final = {"less_than_equal": ("le", "at most"), "greater_than_equal": ("ge", "at least")} | {
     "less_than": ("lt", "less than"),
@@ -27,26 +27,26 @@ _BOUNDS: Final = {"less_than_equal": ("le", "at most"), "greater_than_equal": ("
 }
 _NO_NUMBER: Final = ("finite_number", "float_type", "float_parsing", "int_type", "int_parsing", "int_from_float")
 _SHOULD: Final = "Input should be "
-"""How pydantic begins what it asks for."""
+"""Start of pydantic's requirements."""
 _SURELY_NO_METRES: Final = 10.0
-"""Metres: no coordinate on a table comes near; in millimetres or centimetres all do."""
+"""Metres: beyond any coordinate on a table, but not in millimetres or centimetres."""
 
 
 def describe_first_error(error: ValidationError, subject: str = "", data: object = None) -> str:
-    """The first fault of a task instance or of a part of it, and how many more there are.
+    """Message on the first fault of a task instance or a part of it, with the number of others.
 
     Args:
-        error: what pydantic found.
-        subject: what the value was given to, e.g. ``add_object('block/block.urdf')``.
-        data: the whole that was validated, from which objects have their names.
+        error: the validation error.
+        subject: receiver of the value, e.g. ``add_object('block/block.urdf')``.
+        data: the validated whole, from which objects have their names.
     """
     faults = error.errors(include_url=False)
     location = tuple(part for part in faults[0]["loc"] if not isinstance(part, str) or part.isidentifier())
     owner = ", ".join(filter(None, [subject, *_name_owners(location, data)]))
     quantity, unit = _name_quantity(location)
-    told = _describe_fault(cast("dict[str, Any]", faults[0]), quantity, unit)
+    message = _describe_fault(cast("dict[str, Any]", faults[0]), quantity, unit)
     more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
-    return f"{f'{owner}: ' if owner else ''}{told}{more}"[:1000]
+    return f"{f'{owner}: ' if owner else ''}{message}{more}"[:1000]
 
 
 def _describe_fault(fault: Mapping[str, Any], quantity: str, unit: str) -> str:
@@ -56,43 +56,41 @@ def _describe_fault(fault: Mapping[str, Any], quantity: str, unit: str) -> str:
     if kind in _BOUNDS:
         name, words = _BOUNDS[kind]
         of = f" {unit}" if unit else ""
-        told = f"{quantity} = {shown}{of}, must be {words} {context[name]:.10g}{of}{_suspect_unit(value, unit)}"
+        text = f"{quantity} = {shown}{of}, must be {words} {context[name]:.10g}{of}"
+        if unit == "m" and isinstance(value, float | int) and not abs(value) < _SURELY_NO_METRES:
+            text += f"; give metres: {value:g} mm are {value / 1000:g}"
     elif kind in _NO_NUMBER:
         number = "a whole number" if kind.startswith("int") else "a finite number"
-        told = f"{quantity} is {shown}, must be {number}{f' ({unit})' if unit else ''}"
+        text = f"{quantity} is {shown}, must be {number}{f' ({unit})' if unit else ''}"
     elif kind == "value_error":
-        told = message.removeprefix("Value error, ")
+        text = message.removeprefix("Value error, ")
     elif kind == "missing":
-        told = f"{quantity} is missing"
+        text = f"{quantity} is missing"
     elif kind == "extra_forbidden":
-        told = f"there is no field {quantity}"
+        text = f"there is no field {quantity}"
     elif kind == "literal_error":
-        told = f"{quantity} is {shown}, must be {context['expected']}"
+        text = f"{quantity} is {shown}, must be {context['expected']}"
     elif kind in ("too_long", "too_short"):
         bound = f"at most {context['max_length']}" if kind == "too_long" else f"at least {context['min_length']}"
-        told = f"{quantity} has {context['actual_length']} entries, must have {bound}"
+        text = f"{quantity} has {context['actual_length']} entries, must have {bound}"
     elif quantity and message.startswith(_SHOULD):
-        told = f"{quantity} is {shown}, must be {message.removeprefix(_SHOULD)}"
+        text = f"{quantity} is {shown}, must be {message.removeprefix(_SHOULD)}"
     else:
-        told = f"{quantity}: {message[:1].lower()}{message[1:]}" if quantity else message
-    return told
-
-
-def _suspect_unit(value: object, unit: str) -> str:
-    """What a length that no table has is likely to be."""
-    if unit != "m" or not isinstance(value, float | int) or abs(value) < _SURELY_NO_METRES:
-        return ""
-    return f"; give metres: {value:g} mm are {value / 1000:g}"
+        text = f"{quantity}: {message[:1].lower()}{message[1:]}" if quantity else message
+    return text
 
 
 def _name_owners(location: Sequence[str | int], data: object) -> list[str]:
-    """What has the faulty value, from the outside in: an object by id and asset, a goal by its number from 1."""
+    """Owners of a faulty value, outermost first: an object by id and asset, a goal by its number from 1."""
     named: list[str] = []
     for name, number in pairwise(location):
         if not isinstance(number, int):
             continue
         if name == "objects":
-            item = _get_list(data, "objects", number)
+            rows = cast("Mapping[str, Any]", data).get("objects") if isinstance(data, Mapping) else None
+            listed = cast("list[Any]", rows) if isinstance(rows, list) else []
+            row = listed[number] if number < len(listed) else None
+            item = cast("Mapping[str, Any]", row if isinstance(row, Mapping) else {})
             asset = item.get("asset")
             named.append(f"object {item.get('id', number)}" + (f" ({str(asset)[:80]})" if asset else ""))
         elif name in _LISTED:
@@ -100,16 +98,8 @@ def _name_owners(location: Sequence[str | int], data: object) -> list[str]:
     return named
 
 
-def _get_list(data: object, name: str, number: int) -> Mapping[str, Any]:
-    """Entry ``number`` of a list of objects in JSON; empty where there is none."""
-    rows = cast("Mapping[str, Any]", data).get(name) if isinstance(data, Mapping) else None
-    listed = cast("list[Any]", rows) if isinstance(rows, list) else []
-    row = listed[number] if number < len(listed) else None
-    return cast("Mapping[str, Any]", row) if isinstance(row, Mapping) else {}
-
-
 def _name_quantity(location: Sequence[str | int]) -> tuple[str, str]:
-    """The name of a value and its unit; the unit is empty for a number that has none."""
+    """Name and unit of a value; the unit is empty for a pure number."""
     field = next((str(part) for part in reversed(location) if isinstance(part, str)), "")
     at = len(location) - 1 - next((index for index, part in enumerate(reversed(location)) if part == field), 0)
     numbers = [part for part in location[at + 1 :] if isinstance(part, int)]

@@ -1,4 +1,4 @@
-"""Goals: what a task asks for, stated once for the scorer, for the oracle and for task instances on disk."""
+"""Goals of a task, defined once for the scorer, for the oracle and for task instances on disk."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -20,17 +20,17 @@ Placed = tuple[tuple[Coordinate, Coordinate, Coordinate], tuple[Unit, Unit, Unit
 
 Kind = Literal["inside", "on", "stacked", "near", "aligned", "upright", "in_zone"]
 REFERENCED: Final = ("inside", "on", "near", "in_zone")
-"""Relations to another object, which itself need not move."""
+"""Relations to a reference object, which itself need not move."""
 LONGEST_SENTENCE: Final = 2000
-"""Characters of what a person would say of a goal."""
+"""Characters of a goal's sentence."""
 UPRIGHT_WITHIN: Final = math.radians(15)
 
 
-def check_unit_quaternion(pose: Pose, what: str) -> None:
+def check_unit_quaternion(pose: Pose, owner: str) -> None:
     """Refuse a pose whose rotation is no unit quaternion, with a ``ValueError``."""
     norm = math.hypot(*pose[1])
     if not 0.99 < norm < 1.01:
-        raise ValueError(f"{what}: quaternion {pose[1]} has length {norm:.3f}, must be 1")
+        raise ValueError(f"{owner}: quaternion {pose[1]} has length {norm:.3f}, must be 1")
 
 
 class Zone(Frozen):
@@ -41,10 +41,10 @@ class Zone(Frozen):
 
 
 class Relation(Frozen):
-    """How the objects of a typed goal are to lie; what each kind means strictly is in ``sim.goals.relation_rules``."""
+    """Relation that a typed goal asks for; ``sim.goals.relation_rules`` defines each kind strictly."""
 
     kind: Kind
-    # id of the container, support, zone or neighbour, if the kind has one
+    # id of the container, support, zone or neighbour, for the kinds of ``REFERENCED``
     reference: Annotated[int, Field(ge=0, le=100_000)] | None = None
     # ``near``: largest gap; ``aligned``: spacing of centres, None = any; metres
     distance: Annotated[float, Field(allow_inf_nan=False, gt=0, le=1)] | None = None
@@ -57,18 +57,18 @@ class Relation(Frozen):
 
 
 class Goal(Frozen):
-    """One goal; goals are met one after the other, in their order.
+    """A goal; goals are met in their order.
 
-    While a program runs, goals are made without the checks of this model (``model_construct``): their rewards are not
-    scaled yet, and what is out of range is refused when the task becomes an instance.
+    While a program runs, goals are built without the checks of this model (``model_construct``): their rewards are not
+    scaled yet, and values out of range are refused when the task becomes an instance.
     """
 
     objects: Annotated[tuple[int, ...], Field(min_length=1, max_length=200)]  # for ``stacked`` from the bottom up
-    # for each object, for each target, 1 where that target will do
+    # for each object, for each target, 1 if the target is allowed
     matches: tuple[tuple[Annotated[int, Field(ge=0, le=1)], ...], ...]
     targets: Annotated[tuple[Placed, ...], Field(max_length=200)]
     replace: bool  # several objects may share a target
-    rotations: bool  # the yaw of the target is asked for
+    rotations: bool  # the yaw of the target matters
     # ``pose``: xy within ``pos_eps``, yaw within ``rot_eps``; ``zone``: share of volume inside
     metric: Literal["pose", "zone", "relation"]
     zones: Annotated[tuple[Zone, ...], Field(max_length=50)] = ()
@@ -76,7 +76,7 @@ class Goal(Frozen):
     # for each object, the angle (rad) after which it looks the same; 0 = any yaw
     symmetries: tuple[Annotated[float, Field(allow_inf_nan=False, ge=0, le=6.3)], ...]
     language: Annotated[str, Field(max_length=LONGEST_SENTENCE)] = ""
-    relation: Relation | None = None  # for its metric; such a goal has no targets
+    relation: Relation | None = None  # for the metric ``relation``; such a goal has no targets
 
     @model_validator(mode="after")
     def _check_goal_fields_agree(self) -> Self:
@@ -96,17 +96,17 @@ class Goal(Frozen):
 
     @property
     def relation_kind(self) -> Kind | None:
-        """The kind of relation that a typed goal asks for, None for other goals."""
+        """Kind of relation of a typed goal, None for other goals."""
         return self.relation.kind if self.relation is not None else None
 
     @property
     def required_distance(self) -> float | None:
-        """The distance that a typed goal asks for, metres, if it asks for any."""
+        """Distance of a typed goal that has any, metres."""
         return self.relation.distance if self.relation is not None else None
 
     @property
     def reference_id(self) -> int:
-        """Id of the container, support, zone or neighbour of a typed goal that has one."""
+        """Id of the container, support, zone or neighbour of a typed goal of the kinds of ``REFERENCED``."""
         assert self.relation is not None and self.relation.reference is not None, (
             f"{self.relation_kind} without a reference"
         )
@@ -114,15 +114,15 @@ class Goal(Frozen):
 
     @property
     def mentioned_object_ids(self) -> tuple[int, ...]:
-        """Ids of all objects that it speaks of, the reference among them."""
+        """Ids of all objects of the goal, the reference included."""
         return (*self.objects, self.reference_id) if self.relation_kind in REFERENCED else self.objects
 
     def allowed_target_indices(self, row: int) -> list[int]:
-        """Indices of the targets that will do for the object of one row."""
+        """Indices of the targets allowed for the object of a row."""
         return [index for index, match in enumerate(self.matches[row]) if match]
 
     def has_same_relation(self, other: "Goal") -> bool:
-        """Whether two typed goals ask for one relation to one object."""
+        """Whether two typed goals ask for the same relation to the same object."""
         return (
             self.relation is not None
             and other.relation is not None
@@ -130,7 +130,7 @@ class Goal(Frozen):
         )
 
     def check_relation(self) -> None:
-        """Refuse with a ``SimulationError`` a typed goal that makes no sense."""
+        """Refuse an inconsistent typed goal with a ``SimulationError``."""
         relation, count = self.relation, len(self.objects)
         if relation is None:
             return
@@ -224,7 +224,7 @@ def _parse_object_ids(objs: Any) -> tuple[int, ...]:
 
 
 def normalise_goal_rewards(goals: Sequence[Goal]) -> tuple[list[Goal], str]:
-    """The goals with rewards that add up to 1, and a word on it if they had to be scaled."""
+    """The goals with rewards that add up to 1, and a note if they had to be scaled."""
     total = sum(goal.max_reward for goal in goals)
     if not goals or abs(total - 1) <= 0.01:
         return list(goals), ""

@@ -1,4 +1,4 @@
-"""The arm's own file in a task instance: on disk its name is relative to the folder that has both."""
+"""The arm's file of a task instance: on disk its path is relative to the folder of both."""
 
 from pathlib import Path, PurePath
 
@@ -8,7 +8,7 @@ from grs_agents.sim.instance.task_instance import TaskInstance
 
 
 def make_robot_path_relative(instance: TaskInstance, folder: Path) -> TaskInstance:
-    """The instance as a file in ``folder`` says it: an arm's file that lies in there is named relative to it."""
+    """The instance as saved in ``folder``: an arm's file inside the folder gets a relative path."""
     file, root = Path(instance.robot), folder.resolve()
     if not file.is_relative_to(root):
         return instance
@@ -16,13 +16,13 @@ def make_robot_path_relative(instance: TaskInstance, folder: Path) -> TaskInstan
 
 
 def resolve_robot_path(instance: TaskInstance, folder: Path) -> TaskInstance:
-    """The instance that a file in ``folder`` holds, with the absolute path of the arm's file that lies in there.
+    """The instance as loaded from ``folder``, with the absolute path of the arm's file.
 
-    Raises InputError: the name is an absolute path or leads out of the folder, there is no such file, or the file is no
-            arm, or takes more memory or time than one.
+    Raises InputError: the path is absolute or leads out of the folder, there is no such file, or the file is no arm, or
+            takes more memory or time than an arm.
     """
     if not PurePath(instance.robot).suffix:
         return instance
-    found = resolve_member_file(folder, instance.robot).resolve()
-    check_foreign_robot(found)
-    return instance.model_copy(update={"robot": str(found)})
+    path = resolve_member_file(folder, instance.robot).resolve()
+    check_foreign_robot(path)
+    return instance.model_copy(update={"robot": str(path)})

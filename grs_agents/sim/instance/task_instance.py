@@ -1,6 +1,6 @@
-"""A task as data: what a simulation program sets up, as typed JSON that trusted code can run.
+"""A task as data: the scene and goals of a simulation program, as typed JSON that trusted code can run.
 
-Instances from files and processes that are not trusted are bounded, then parsed, then checked.
+Instances from untrusted files and processes are bounded, then parsed, then checked.
 """
 
 import hashlib
@@ -22,22 +22,22 @@ from grs_agents.sim.instance.goal import Goal, Placed, Unit, check_unit_quaterni
 POSITION_TOLERANCE = 0.01
 ROTATION_TOLERANCE = math.radians(15)
 LARGEST_POS_EPS, LARGEST_ROT_EPS = 0.05, math.radians(30)
-"""The widest tolerances of published tasks: CLIPort's bowls, and its easy kits."""
+"""Widest tolerances of published tasks: CLIPort's bowls, and its easy kits."""
 LARGEST_VALUE = 2.0
-"""Of a template's placeholder: metres, or a share of a colour."""
+"""Largest value of a template's placeholder: metres, or a share of a colour."""
 LARGEST_TIE_GAP = 0.05
-"""Metres between the two places that a tie holds together: it keeps things so, it does not haul them there."""
+"""Metres between the two places that a tie joins: it holds objects together, it does not pull them there."""
 MOST_PAIRS = 10_000
-"""Pairs of an object and a target in all goals together."""
+"""Pairs of an object and a target over all goals."""
 
 LIGHTEST, HEAVIEST = 0.001, 20.0
-"""Of an object whose mass the instance says, kilograms."""
+"""Bounds of a mass that the instance gives, kilograms."""
 LEAST_FRICTION, MOST_FRICTION = 0.05, 2.0
 """Coefficients of sliding friction: ice on steel, rubber on rubber."""
 WIDEST_PICTURE = 65_536
 """Pixels of a camera's side."""
 FARTHEST_VIEW = 100.0
-"""Metres along any axis from the robot base to what only looks or shines: cameras and lights."""
+"""Metres along any axis from the robot base to cameras and lights."""
 
 Channel = Annotated[float, Field(allow_inf_nan=False, ge=0, le=1)]
 RGBA = tuple[Channel, Channel, Channel, Channel]
@@ -54,7 +54,7 @@ FarPoint = tuple[_Far, _Far, _Far]
 
 
 class InstanceObject(Frozen):
-    """One object of the scene."""
+    """An object of the scene."""
 
     id: Annotated[int, Field(ge=0, le=100_000)]
     asset: Annotated[str, Field(min_length=1, max_length=300)]  # library-relative URDF name, e.g. "HOPE/Milk.urdf"
@@ -64,9 +64,9 @@ class InstanceObject(Frozen):
     # ``fixed`` cannot move; ``deformable`` moves as ``rigid`` does
     category: Literal["fixed", "rigid", "deformable"] = "rigid"
     color: RGBA | None = None  # 0..1, laid over the asset's own
-    # a ``bystander`` stands there because the photo shows it: solid, named by no goal, at the end where it was
+    # a ``bystander`` stands there because the photo shows it: solid, named by no goal, to end where it began
     role: Literal["task", "bystander"] = "task"
-    # kilograms, and the coefficient of sliding friction; None: the asset's own. Trusted code says both of every object
+    # kilograms, and the coefficient of sliding friction; None: the asset's own. Trusted code sets both of every object
     mass: Annotated[float, Field(allow_inf_nan=False, ge=LIGHTEST, le=HEAVIEST)] | None = None
     friction: Annotated[float, Field(allow_inf_nan=False, ge=LEAST_FRICTION, le=MOST_FRICTION)] | None = None
 
@@ -75,20 +75,19 @@ class InstanceObject(Frozen):
         check_unit_quaternion(self.pose, f"object {self.id}")
         if self.fill:
             words = {stem for stem, row in self.fill.items() if any(isinstance(value, str) for value in row)}
-            if words - {"FNAME"}:
-                listed = sorted(words - {"FNAME"})
+            if listed := sorted(words - {"FNAME"}):
                 raise ValueError(f"object {self.id}: fill of {listed} must be numbers, FNAME alone takes a word")
         return self
 
 
 class InstanceTie(Frozen):
-    """What keeps two objects together: a point that both share (a joint of a rope), or all of their relative pose."""
+    """A constraint between two objects: a shared point (a joint of a rope), or a fixed relative pose."""
 
     kind: Literal["point", "fixed"]  # ``point`` leaves them free to turn
     parent: int
     child: int
-    parent_frame: Placed  # the shared place in the frame of the parent, metres
-    child_frame: Placed  # and of the child
+    parent_frame: Placed  # shared frame relative to the parent, metres
+    child_frame: Placed  # and to the child
 
     @model_validator(mode="after")
     def _check_distinct_objects(self) -> Self:
@@ -116,10 +115,10 @@ class InstanceCamera(Frozen):
 
 
 class InstanceLight(Frozen):
-    """One light above the table, and what comes from everywhere."""
+    """A lamp above the table, and ambient light."""
 
     position: FarPoint = (0.3, -0.5, 2.0)  # metres, robot frame
-    target: FarPoint = (0.3, -0.1, 0.0)  # what it shines at
+    target: FarPoint = (0.3, -0.1, 0.0)  # point it shines at
     diffuse: tuple[Channel, Channel, Channel] = (0.7, 0.7, 0.7)
     ambient: tuple[Channel, Channel, Channel] = (0.35, 0.35, 0.35)
 
@@ -128,7 +127,7 @@ TextureName = Annotated[str, Field(max_length=300, pattern=r"^[\w-]+(/[\w-]+)*\.
 
 
 class InstanceTable(Frozen):
-    """What the table top looks like: one colour, a pattern of two (sRGB, 0..1), or a texture over all of it."""
+    """Looks of the table top: plain, a pattern of two colours (sRGB, 0..1), or a texture."""
 
     color: RGBA = (0.80, 0.72, 0.60, 1.0)
     pattern: Literal["plain", "checker", "speckled"] = "plain"
@@ -137,13 +136,13 @@ class InstanceTable(Frozen):
 
     @model_serializer(mode="wrap")
     def _leave_out_no_texture(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """An instance without a texture is written, and hashed, as it was before there were any."""
+        """Keep the JSON, and the hash, of an instance without a texture as before textures existed."""
         fields: dict[str, Any] = serialize(self)
         return {key: value for key, value in fields.items() if key != "texture" or value is not None}
 
 
 class TaskInstance(Frozen):
-    """A simulated task for one seed: everything a trusted process needs to build, run and score it."""
+    """A simulated task for a seed: all that a trusted process needs to build, run and score it."""
 
     version: Literal[4] = 4
     task: Annotated[str, Field(max_length=200)]  # class name of the program it came from
@@ -158,25 +157,25 @@ class TaskInstance(Frozen):
     objects: Annotated[tuple[InstanceObject, ...], Field(max_length=200)]
     ties: Annotated[tuple[InstanceTie, ...], Field(max_length=400)] = ()
     goals: Annotated[tuple[Goal, ...], Field(max_length=200)]
-    # library name of what stands fixed around the robot, as photographed; trusted code names it
+    # library name of the fixed surroundings of the robot, as photographed; set by trusted code
     background: Annotated[str, Field(min_length=1, max_length=300)] | None = None
-    # what follows is named by trusted code: the arm ("ur5e", "panda" or the path of an MJCF file, in a file relative to
-    # its folder), the photo's camera (None without a photo), the light, and the table in the colour of the photo
+    # set by trusted code: the arm ("ur5e", "panda" or the path of an MJCF file, in a saved instance relative to its
+    # folder), the photo's camera (None without a photo), the light, and the table in the colour of the photo
     robot: Annotated[str, Field(min_length=1, max_length=4096)] = "ur5e"
     camera: InstanceCamera | None = None
     light: InstanceLight = InstanceLight()
     table: InstanceTable = InstanceTable()
-    # what the runtime had to assume
+    # assumptions of the runtime
     warnings: Annotated[tuple[Annotated[str, Field(max_length=500)], ...], Field(max_length=500)] = ()
 
     @property
     def task_objects(self) -> tuple[InstanceObject, ...]:
-        """What the task put there itself: every object but the bystanders."""
+        """Every object but the bystanders."""
         return tuple(item for item in self.objects if item.role == "task")
 
     @property
     def language(self) -> str:
-        """The whole task in one sentence: what its goals say, each sentence once."""
+        """The whole task in a sentence: those of its goals, without repetitions."""
         return ", then ".join(dict.fromkeys(goal.language for goal in self.goals if goal.language)) or self.task
 
     @model_validator(mode="after")
@@ -184,17 +183,7 @@ class TaskInstance(Frozen):
         ids = {item.id for item in self.objects}
         if len(ids) != len(self.objects):
             raise ValueError("object ids must differ")
-        self._check_object_ids(ids, {item.id for item in self.objects if item.role == "bystander"})
-        pairs = sum(len(goal.objects) * max(1, len(goal.targets)) for goal in self.goals)
-        if pairs > MOST_PAIRS:
-            raise ValueError(
-                f"the goals pair objects with targets {pairs} times, at most {MOST_PAIRS} times are allowed"
-            )
-        self._check_tie_gaps()
-        return self
-
-    def _check_object_ids(self, ids: set[int], bystanders: set[int]) -> None:
-        """Refuse goals and ties that name what is not there, and goals that name a bystander."""
+        bystanders = {item.id for item in self.objects if item.role == "bystander"}
         named = {number for goal in self.goals for number in goal.mentioned_object_ids}
         if unknown := named - ids:
             raise ValueError(f"goals name objects {sorted(unknown)} that the instance does not have")
@@ -202,8 +191,11 @@ class TaskInstance(Frozen):
             raise ValueError(f"goals name objects {sorted(named & bystanders)}, which are bystanders and must stay")
         if unknown := {number for tie in self.ties for number in (tie.parent, tie.child)} - ids:
             raise ValueError(f"ties name objects {sorted(unknown)} that the instance does not have")
-
-    def _check_tie_gaps(self) -> None:
+        pairs = sum(len(goal.objects) * max(1, len(goal.targets)) for goal in self.goals)
+        if pairs > MOST_PAIRS:
+            raise ValueError(
+                f"the goals pair objects with targets {pairs} times, at most {MOST_PAIRS} times are allowed"
+            )
         poses = {item.id: item.pose for item in self.objects}
         for tie in self.ties:
             places = (
@@ -215,15 +207,16 @@ class TaskInstance(Frozen):
                     f"the tie of objects {tie.parent} and {tie.child} joins places {gap:.2f} m apart, at most "
                     f"{LARGEST_TIE_GAP} m: place the objects as they are tied"
                 )
+        return self
 
 
 def _point_in_robot_frame(pose: Pose, point: Vec3) -> Vec3:
-    """A point of an object's own frame in the robot frame, metres."""
+    """A point of an object's frame in the robot frame, metres."""
     return transforms.to_vec3(transforms.transform_points(pose, np.reshape(point, (3, 1))).ravel())
 
 
 MAX_BYTES: Final = 4 << 20
-"""The longest text of an instance: 200 objects with goals for all of them take a tenth of it."""
+"""Largest text of an instance: 200 objects with goals for all of them take a tenth of it."""
 
 
 class InstanceError(InputError):
@@ -231,7 +224,7 @@ class InstanceError(InputError):
 
 
 def parse_instance_json(text: str | bytes, objects: int = 200) -> TaskInstance:
-    """The task instance that JSON holds; raises ``InstanceError``, which names what is wrong."""
+    """Parse a task instance from JSON; raises ``InstanceError``, which names the fault."""
     data = text.encode("utf-8", "surrogatepass") if isinstance(text, str) else text
     if len(data) > MAX_BYTES:
         raise InstanceError(f"the instance has {len(data)} bytes, {MAX_BYTES} are the most", "make it smaller")
@@ -255,9 +248,9 @@ def parse_instance_json(text: str | bytes, objects: int = 200) -> TaskInstance:
 
 
 def hash_instance(instance: TaskInstance) -> str:
-    """SHA-256 of the instance's JSON, hexadecimal: what a data set calls the scene that an episode began in.
+    """SHA-256 of the instance's JSON, hexadecimal: the name of an episode's initial scene in data sets.
 
-    It does not depend on the folder that an arm's file lies in.
+    It is independent of the folder of an arm's file.
     """
     named = instance.model_copy(update={"robot": PurePath(instance.robot).name})
     return hashlib.sha256(named.model_dump_json().encode()).hexdigest()

@@ -1,1 +1,1 @@
-"""What the robot does: grasps, pick and place, pushes, and where things can be put down."""
+"""Motion primitives: grasp search, pick and place, pushing, and free space for placing."""

@@ -40,53 +40,52 @@ HELD_SPEED: Final = 0.8
 TOUCH_SPEED: Final = 0.06
 DRAWING_SPEED: Final = 0.1
 _HIGHEST_DRAW: Final = 0.12
-"""No farther than this, metres, is an object drawn out slowly."""
+"""Largest rise of the slow lift between neighbours, metres."""
 _CLEARANCE: Final = 0.03
 ROPE_SPEED: Final = 0.2
 _ROPE_CLEARANCE: Final = 0.01
-"""What is tied to other things is dragged rather than carried: slowly and low, else it flings about."""
+"""Tied objects are dragged, slowly and low, rather than carried, so that they do not swing."""
 _LOWEST: Final = 0.001
 _PRESSED: Final = 0.0005
-"""How low the tip goes, metres; and how far below what it picks it goes at least, since the 1 mm floor of a fixture,
-settled into the table, lies lower.
-"""
+"""Lowest height of the tip, and its least depth below the pick point, metres: the 1 mm floor of a fixture, settled into
+the table, lies lower than ``_LOWEST``."""
 _UP: Final[FloatArray] = np.array([0.0, 0.0, 1.0])
 _ABOVE_TILTED: Final = 0.05
-"""From so far above a tilted place, metres, what is held goes along the tool: an upright way would hit the walls."""
+"""Length of the approach along the tool to a tilted place, metres: a vertical approach would hit the walls."""
 _PEELING, _RETREAT = 0.02, 0.06
-"""How far the cup draws back along the tool, then up, metres."""
+"""Retreat of the cup, along the tool and then up, metres."""
 _BEARING: Final = 4
-"""Time steps in which what is held, once something carries it, comes to bear on that."""
+"""Time steps for a held object to load its support after the first contact."""
 _LETTING_GO: Final = (8, 40)
-"""Time steps, at least and at most, in which what was let go comes to rest while the cup waits: once all sleeps the arm
-draws back without the dynamics."""
+"""Least and most time steps that the cup waits for a released object to rest: once all bodies sleep, the arm retreats
+without the dynamics."""
 _TURNS: Final = tuple(turn * np.pi / 2 for turn in (0, 1, -1, 2, -2, 3, -3, 4, -4))
-"""How the tool may be turned before it picks, so that the wrist can then make the turn that is asked for."""
+"""Turns of the tool before the pick that are tried, so that the wrist can then make the turn to the place."""
 
 
 @dataclass(frozen=True)
 class PickPlaceResult:
-    """What a pick-and-place did."""
+    """Outcome of a pick-and-place."""
 
-    grasped: int | None  # id of the object that was picked
-    placed: bool  # it was brought to the place pose and let go there
-    note: str  # one clause; "placed" when all went well
-    trouble: Outcome | None = None  # what kind of failure the note tells, if it has a name
+    grasped: int | None  # id of the picked object
+    placed: bool  # brought to the place pose and released there
+    note: str  # a clause; "placed" on success
+    trouble: Outcome | None = None  # kind of the failure in the note, if it has a name
 
 
 @dataclass(frozen=True)
 class _Descent:
-    """Where the arm feels its way to after it has travelled, at the farthest, and where that ends sooner."""
+    """A guarded descent after a travel: its lowest pose, and the condition that ends it sooner."""
 
     lowest: ToolPose
     stop: Callable[[], bool]
 
 
-class PickPlace:
-    """Picks with the suction cup, tool pointing down, and places, the tool tilted if the poses ask for it."""
+class PickPlaceMotion:
+    """Picks with the suction cup, tool down, and places, with the tool tilted if the poses ask for it."""
 
     def __init__(self, physics: Physics, look: Callable[[], Sequence[Prism]], names: dict[int, str]) -> None:
-        """``look`` gives the outlines of everything as it stands now."""
+        """``look`` returns the current prisms of all objects."""
         self.physics, self.look, self.names = physics, look, names
         self.obstacles = look()
         self.arm = physics.arm
@@ -94,8 +93,8 @@ class PickPlace:
         self._hindrance, self._descended = "", False
 
     def pick_and_place(self, pick: Pose, place: Pose) -> PickPlaceResult:
-        """Pick where the cup touches, and place with the cup lowered at its place pose until contact.
-        What is held is turned, and tilted, as ``place`` is against ``pick``."""
+        """Pick at the first contact of the cup, and place with the cup lowered at its place pose until contact.
+        The held object is turned and tilted by the rotation from ``pick`` to ``place``."""
         back = transforms.invert_pose(((0, 0, 0), pick[1]))[1]
         between = transforms.multiply_quaternions(transforms.to_unit_quaternion(place[1]), back)
         turn, tilt = split_into_yaw_and_tilt(between)
@@ -106,7 +105,7 @@ class PickPlace:
         return self._place_object(picked.grasped, ToolPose(transforms.to_vec3(place[0]), self.yaw + turn, tilt))
 
     def pick_and_lift(self, pick: Pose, height: float) -> PickPlaceResult:
-        """Pick where the cup touches, and lift straight up by ``height`` (m); ``placed`` says that it hangs there."""
+        """Pick at the first contact of the cup, and lift by ``height`` (m); ``placed`` if the object hangs there."""
         point = transforms.to_vec3(pick[0])
         picked = self._pick_object(point, self._choose_pick_yaw(point, point, 0.0))
         if picked.grasped is None:
@@ -119,7 +118,7 @@ class PickPlace:
         return PickPlaceResult(picked.grasped, False, self._describe_drop(picked.grasped), "dropped")
 
     def _choose_pick_yaw(self, pick: Vec3, place: Vec3, turn: float) -> float:
-        """The tool's yaw at which to pick so that the wrist's limits allow the turn to the place afterwards."""
+        """Yaw of the tool for the pick with which the wrist's limits allow the turn to the place afterwards."""
         tip, seed = self.physics.tip_position, self.physics.commanded_joint_positions
         height = max(tip[2], pick[2], place[2])
         stops = [(x, y, height) for x, y, _ in (tip, pick, place)]
@@ -132,7 +131,7 @@ class PickPlace:
         return self.yaw
 
     def _pick_object(self, point: Vec3, yaw: float) -> PickPlaceResult:
-        """Go down to a point and take hold of what is there."""
+        """Descend to a point and take hold of the object there."""
         physics = self.physics
         near = ToolPose((point[0], point[1], point[2] + 0.008), yaw)
         lowest = ToolPose((point[0], point[1], max(min(_LOWEST, point[2] - _PRESSED), point[2] - 0.03)), yaw)
@@ -168,7 +167,7 @@ class PickPlace:
         return PickPlaceResult(None, False, note, "unreachable")
 
     def _explain_no_contact(self, point: Vec3, aimed: int, met: set[int]) -> PickPlaceResult:
-        """Why the cup, all the way down, came upon nothing that it could take; ``met``: what the robot touched."""
+        """The failure of a descent to the end without a graspable contact; ``met``: ids that the robot touched."""
         if fixed := sorted(self.physics.objects_touching_cup()):
             note = f"{self.names[fixed[0]]}, which is fixed, at {format_point(point)}"
             return PickPlaceResult(None, False, note, "unreachable")
@@ -184,30 +183,49 @@ class PickPlace:
         up = tool_up_axis(place.tilt)
         tilted = bool(up[2] < 1.0)
         self._lift_clear_of_neighbours(grasped)
-        radius, drop = self._held_object_extent(grasped)
+        tip = physics.tip_position
+        held_prisms = [obstacle for obstacle in self.obstacles if obstacle.owner == grasped]
+        radius, drop = 0.05, 0.0  # reach of the object from the tip to the side, and below it, m
+        if held_prisms:
+            radius = max(
+                float(np.linalg.norm(prism.outline - np.asarray(tip[:2]), axis=1).max()) for prism in held_prisms
+            )
+            drop = max(0.0, tip[2] - min(prism.low for prism in held_prisms))
         near = place.shifted_by((_ABOVE_TILTED if tilted else 0.012) * up)
         deepest = max(drop - 0.01, place.point[2] - 0.25, _LOWEST)
         lowest = place.shifted_by(-0.03 * up) if tilted else ToolPose((*place.point[:2], deepest), place.yaw)
         descent = _Descent(lowest, lambda: physics.is_object_supported(grasped))
-        if not self._carry_object(grasped, near, descent, radius, drop, tilted):
+        limp = physics.world.limp
+        tied = grasped in limp
+        fellows = limp if tied else {grasped}
+        others = [obstacle for obstacle in self.obstacles if obstacle.owner not in fellows]
+        hanging = float(np.hypot(radius, drop)) if tilted else drop
+        aside = (hanging if tilted else radius) + 0.01
+        speed, clearance = (ROPE_SPEED, _ROPE_CLEARANCE) if tied else (HELD_SPEED, _CLEARANCE)
+        if not self._travel_over_obstacles(near, aside, hanging, others, speed, clearance, descent):
             if physics.held_object_id is None:
                 note = self._describe_drop(grasped)
                 self._retreat_upwards()
                 return PickPlaceResult(grasped, False, note, "dropped")
-            self._put_down_held_object()
+            here, held = self._current_tool_pose(), physics.held_object_id
+            lower = here.shifted_by(np.array([0.0, 0.0, -0.02]))
+            self._descend_until(here, lower, lambda: physics.is_object_supported(held))
+            self._release_and_retreat(_UP)
             how = f"over its neighbours to {format_point(place.point)}" + (" so tilted" if tilted else "")
             note = f"the arm cannot carry {self.names[grasped]} {how}{self._hindrance}"
             return PickPlaceResult(grasped, False, note, "unreachable")
         physics.step(_BEARING)
-        held = physics.held_object_id == grasped
+        kept = physics.held_object_id == grasped
         self._release_and_retreat(up)
-        if held:
+        if kept:
             return PickPlaceResult(grasped, True, "placed")
         return PickPlaceResult(grasped, False, self._describe_drop(grasped), "dropped")
 
     def _lift_clear_of_neighbours(self, number: int) -> None:
-        """Lift an object slowly from between its neighbours, a little away from them, up to where it stands clear, and
-        look anew: what rubs against them drags them along, the more the faster it goes, or tips off the cup."""
+        """Lift an object slowly from between its neighbours, a little away from them, until clear, and look again.
+
+        Contact friction drags neighbours along, the more the faster the lift, or breaks the seal of the cup.
+        """
         if number in self.physics.world.limp:
             return
         beside = measure_touching_neighbours(number, self.obstacles)
@@ -217,30 +235,6 @@ class PickPlace:
             apart = here.shifted_by(UNDER * (_UP + average_direction_if_compatible([away for _, away in beside])))
             self._follow_tool_poses((here, apart, apart.shifted_by(rise * _UP)), DRAWING_SPEED)
             self.obstacles = self.look()
-
-    def _held_object_extent(self, number: int) -> tuple[float, float]:
-        """How far an object reaches from the tip to the side, and below it, metres."""
-        tip = self.physics.tip_position
-        own = [obstacle for obstacle in self.obstacles if obstacle.owner == number]
-        if not own:
-            return 0.05, 0.0
-        radius = max(float(np.linalg.norm(prism.outline - np.asarray(tip[:2]), axis=1).max()) for prism in own)
-        return radius, max(0.0, tip[2] - min(prism.low for prism in own))
-
-    def _carry_object(
-        self, number: int, end: ToolPose, descent: _Descent, radius: float, drop: float, tilted: bool
-    ) -> bool:
-        """Travel to a pose, and go down from there, with an object that reaches ``radius`` to the side of
-        the tip and ``drop`` below it."""
-        limp = self.physics.world.limp
-        tied = number in limp
-        fellows = limp if tied else {number}
-        others = [obstacle for obstacle in self.obstacles if obstacle.owner not in fellows]
-        hanging = float(np.hypot(radius, drop)) if tilted else drop
-        speed, clearance = (ROPE_SPEED, _ROPE_CLEARANCE) if tied else (HELD_SPEED, _CLEARANCE)
-        return self._travel_over_obstacles(
-            end, (hanging if tilted else radius) + 0.01, hanging, others, speed, clearance, descent
-        )
 
     def _describe_drop(self, number: int) -> str:
         name, slip, nozzle = self.names[number], self.physics.cup.slip, self.physics.cup.nozzle
@@ -252,12 +246,6 @@ class PickPlace:
         if slip.load <= nozzle.holding_force:
             how = f"tipped off the cup: {slip.moment:.2g} N m bent it, it bears {nozzle.peeling_moment:.2g} N m"
         return f"{name} ({weight:.2g} kg) {how}{hit}"
-
-    def _put_down_held_object(self) -> None:
-        physics, held, tip = self.physics, self.physics.held_object_id, self._current_tool_pose()
-        lower = tip.shifted_by(np.array([0.0, 0.0, -0.02]))
-        self._descend_until(tip, lower, lambda: held is not None and physics.is_object_supported(held))
-        self._release_and_retreat(_UP)
 
     def _release_and_retreat(self, up: FloatArray) -> None:
         self.physics.cup.release(collides=False)
@@ -288,9 +276,11 @@ class PickPlace:
         clearance: float = _CLEARANCE,
         descent: _Descent | None = None,
     ) -> bool:
-        """Go over the table to a pose and down to it, each leg just above what lies within ``radius`` (m) of it.
-        ``drop`` (m) is how far what hangs from the cup reaches below it. ``descent`` follows at once if the arm can go
-        all of it. False if there was no way (the arm has not moved) or the cup let go, where it stops."""
+        """Travel over the table to a pose and down to it, each leg just above the obstacles within ``radius`` (m).
+
+        ``drop`` (m) is the reach of the held object below the cup. ``descent`` follows at once if the arm can go all
+        of it. Returns: False if there is no route (the arm has not moved) or the cup let go, where the arm stops.
+        """
         tip, held, self._hindrance = self._current_tool_pose().point, self.physics.held_object_id, ""
         for route in candidate_routes(tip, end.point):
             way: list[Vec3] = [tip]
@@ -298,31 +288,35 @@ class PickPlace:
                 height = max_obstacle_height_along(start, stop, radius, obstacles) + drop + clearance
                 height = max(height, end.point[2] if stop == end.point else 0.0, tip[2] + 0.02 if drop else 0.0)
                 way += [(start[0], start[1], height), (stop[0], stop[1], height)]
-            if self._follow_tool_poses(self._make_tool_poses((*way, end.point), end), speed, descent):
+            points = (*way, end.point)
+            legs = np.diff([point[:2] for point in points], axis=0)
+            turn = 1 + int(np.argmax([float(np.linalg.norm(leg)) for leg in legs]))  # the tool turns on the longest leg
+            poses = [
+                ToolPose(point, end.yaw, end.tilt) if index >= turn else ToolPose(point, self.yaw, self.tilt)
+                for index, point in enumerate(points)
+            ]
+            if self._follow_tool_poses(poses, speed, descent):
                 return True
             if self.physics.held_object_id != held:
                 return False
         return False
 
-    def _make_tool_poses(self, points: Sequence[Vec3], end: ToolPose) -> list[ToolPose]:
-        """Poses at the points, the tool turned as it is now until its longest stretch and as at the end after it."""
-        longest = max(
-            range(1, len(points)), key=lambda i: float(np.linalg.norm(np.subtract(points[i][:2], points[i - 1][:2])))
-        )
-        return [
-            ToolPose(point, end.yaw, end.tilt) if index >= longest else ToolPose(point, self.yaw, self.tilt)
-            for index, point in enumerate(points)
-        ]
-
     def _follow_tool_poses(self, poses: Sequence[ToolPose], speed: float, descent: _Descent | None = None) -> bool:
-        """Follow straight stretches, and a descent from their end if the arm can go all of it, as ``_descended`` tells;
-        False, without moving, if the arm cannot follow them or would hit the table or itself."""
+        """Follow straight legs, then a descent from their end if the arm can go all of it (``_descended``).
+
+        Returns: False, without moving, if the arm cannot follow them or would hit the table or itself.
+        """
         physics, held, self._descended = self.physics, self.physics.held_object_id, False
-        payload = None if held is None else self._compute_payload_of_object(held)
-        gaits = [
-            choose_safe_pace(speed, payload, physics.waypoint_seconds, _horizontal_fraction(start.point, end.point))
-            for start, end in pairwise(poses)
-        ]
+        payload = None
+        if held is not None:  # as the cup feels it, the tool down
+            x, y, z = np.subtract(physics.center_of_mass(held), physics.tip_position).tolist()
+            nozzle = physics.world.nozzle_for_object(held)
+            payload = Payload(physics.object_mass(held), float(np.hypot(x, y)), max(0.0, -z), nozzle)
+        gaits = list[Pace]()
+        for start, end in pairwise(poses):
+            length = math.dist(start.point, end.point)
+            level = math.dist(start.point[:2], end.point[:2]) / length if length > 1e-6 else 1.0
+            gaits.append(choose_safe_pace(speed, payload, physics.waypoint_seconds, level))
         legs = None
         if descent is not None:
             legs = self._plan_legs((*poses, descent.lowest), (*gaits, self._feeling_pace))
@@ -339,38 +333,26 @@ class PickPlace:
         self.yaw, self.tilt = poses[-1].yaw, poses[-1].tilt
         return True
 
-    def _compute_payload_of_object(self, number: int) -> Payload:
-        """An object as the cup feels it, were it to hold it where the tip is now, the tool down."""
-        x, y, z = np.subtract(self.physics.center_of_mass(number), self.physics.tip_position).tolist()
-        nozzle = self.physics.world.nozzle_for_object(number)
-        return Payload(self.physics.object_mass(number), float(np.hypot(x, y)), max(0.0, -z), nozzle)
-
     def _descend_until(self, start: ToolPose, end: ToolPose, stop: Callable[[], bool]) -> None:
-        """Feel the way until ``stop``; the arm does not move if it cannot go all of it."""
+        """Descend with guarded motion until ``stop``; the arm does not move if it cannot go all of the way."""
         if (legs := self._plan_legs((start, end), (self._feeling_pace,))) is not None:
             self.physics.follow_joint_path(*legs, stop=stop, spacing=WAYPOINT_STEPS)
 
     @property
     def _feeling_pace(self) -> Pace:
-        """How the arm feels its way."""
+        """Pace of guarded motion."""
         return Pace(TOUCH_SPEED, 0.0, self.physics.waypoint_seconds, even=True)
 
     def _plan_legs(self, poses: Sequence[ToolPose], gaits: Sequence[Pace]) -> list[FloatArray] | None:
-        """The way points (K, dof) of each stretch between two poses; None if the arm cannot follow them all."""
+        """Waypoints (K, dof) of each leg between two poses; None if the arm cannot follow them all."""
         legs = plan_joint_legs(self.arm, poses, gaits, self.physics.commanded_joint_positions)
         return legs if self._is_joint_path_feasible(np.concatenate(legs)) else None
 
     def _is_joint_path_feasible(self, path: FloatArray) -> bool:
-        """Whether the arm can follow joint positions (N, dof): within limits, clear of the table and itself."""
+        """Whether the arm can follow joint positions (N, dof): within limits, clear of the table and of itself."""
         if not self.arm.is_path_within_limits(path):
             return False
         gap = self.arm.first_collision_along(path)
         if gap is not None:
             self._hindrance = f": {gap}"
         return gap is None
-
-
-def _horizontal_fraction(start: Vec3, end: Vec3) -> float:
-    """How much of a straight way is level: 0 straight up or down, 1 over the table or on the spot."""
-    length = math.dist(start, end)
-    return math.dist(start[:2], end[:2]) / length if length > 1e-6 else 1.0

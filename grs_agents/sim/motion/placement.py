@@ -1,5 +1,4 @@
-"""Where there is room: random free poses, and tight packing of several objects into a region.
-The ways of choosing a target share what the arm can serve, and how targets are named."""
+"""Free space on the table: sampling of free poses, and search for free spots in a region, within the arm's reach."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -25,11 +24,11 @@ from grs_agents.sim.world.footprints import (
 
 _BATCH: Final = 256
 _BATCHES: Final = 16
-"""Yaws that are tried before there is said to be no room: with 6, every sixth draw for a zone of 10 x 29 cm among 11
-things found none, with 16 none of 100 did; a vain draw takes 10 ms."""
+"""Yaws tried before giving up: with 6, every sixth draw for a zone of 10 x 29 cm among 11 objects failed, with 16 none
+of 100; a failing draw takes 10 ms."""
 _FLUSH: Final = 0.003
 _LEVEL: Final = 0.012
-"""Supports that differ by less than this are one level, metres."""
+"""Support heights closer than this are the same level, metres."""
 
 
 def sample_free_pose(
@@ -40,9 +39,9 @@ def sample_free_pose(
     arm: Arm,
     gap: float = 0.01,
 ) -> Pose | None:
-    """A free pose on the table, in reach, for a box of ``size`` (m; signs ignored) with ``gap`` around it, or None.
+    """A free, reachable pose on the table for a box of ``size`` (m; signs ignored) with ``gap`` (m) around it, or None.
 
-    Remembered, with the state it leaves ``rng`` in: each reset of an environment draws most places as the one before.
+    Cached with the state it leaves ``rng`` in, since resets of an environment repeat most draws.
     """
     sides, before = tuple(max(abs(float(extent)), 0.001) for extent in size), rng.bit_generator.state
     key = (sides, bounds.tobytes(), repr(before), tuple(map(id, obstacles)), id(arm), gap)
@@ -57,11 +56,11 @@ def sample_free_pose(
 
 @dataclass(frozen=True)
 class _CachedPoseSample:
-    """A pose that was drawn, if there was one."""
+    """A drawn pose, or None."""
 
     pose: Pose | None
     state: Any  # of the generator afterwards
-    kept: tuple[Any, ...]  # what the key tells by identity
+    kept: tuple[Any, ...]  # objects that the key identifies by id, kept alive
 
 
 _REMEMBERED: Final = 256
@@ -76,35 +75,22 @@ def _sample_free_pose(
     arm: Arm,
     gap: float,
 ) -> Pose | None:
+    """A pose by rejection sampling: batches of random positions, a random yaw for each batch."""
     x, y, z = size
+    (x0, x1), (y0, y1) = bounds[:2]
+    around = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
     for _ in range(_BATCHES):
         yaw = float(rng.uniform(-np.pi, np.pi))
         outline = rectangle_outline((0.0, 0.0), (x, y), yaw)
-        offsets = rng.uniform(bounds[:2, 0], bounds[:2, 1], size=(_BATCH, 2))
-        chosen = _find_first_free_offset(outline, z, offsets, bounds, obstacles, arm, gap)
-        if chosen is not None:
+        free = rng.uniform(bounds[:2, 0], bounds[:2, 1], size=(_BATCH, 2))
+        free = free[margins_inside_outline(outline, around, free) >= 0]
+        for height in (z, z + 0.15):
+            free = free[arm.reachable_mask(np.column_stack([free, np.full(len(free), height)]))]
+        free = free[least_outline_gaps(outline, obstacles, free) >= gap]
+        if len(free):
             rotation = transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, yaw))
-            return (float(chosen[0]), float(chosen[1]), z / 2), rotation
+            return (float(free[0, 0]), float(free[0, 1]), z / 2), rotation
     return None
-
-
-def _find_first_free_offset(
-    outline: FloatArray,
-    top: float,
-    offsets: FloatArray,
-    bounds: FloatArray,
-    others: Sequence[Prism],
-    arm: Arm,
-    gap: float,
-) -> FloatArray | None:
-    """The first (2,) of some offsets (N, 2) that is free and in reach."""
-    (x0, x1), (y0, y1) = bounds[:2]
-    around = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
-    free = offsets[margins_inside_outline(outline, around, offsets) >= 0]
-    for height in (top, top + 0.15):
-        free = free[arm.reachable_mask(np.column_stack([free, np.full(len(free), height)]))]
-    free = free[least_outline_gaps(outline, others, free) >= gap]
-    return np.asarray(free[0]) if len(free) else None
 
 
 @dataclass(frozen=True)
@@ -117,11 +103,11 @@ class Region:
 
     @property
     def corner_points(self) -> FloatArray:
-        """Its corners (4, 2)."""
+        """Corners (4, 2)."""
         return rectangle_outline(self.center, self.size, self.yaw)
 
     def grid_points(self, spacing: float) -> FloatArray:
-        """Points (N, 2) that cover it, its centre among them."""
+        """Grid points (N, 2) over it, its centre among them."""
         axes = [np.arange(-int(extent / 2 / spacing), int(extent / 2 / spacing) + 1) * spacing for extent in self.size]
         local = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
         return local @ rotation_matrix_2d(self.yaw).T + np.asarray(self.center)
@@ -129,7 +115,7 @@ class Region:
 
 @dataclass(frozen=True)
 class Spot:
-    """A place for an object: its centre (m), how far it is turned from now (rad), the height it rests at (m)."""
+    """A spot for an object: its centre (m), the turn from its current yaw (rad), the rest height (m)."""
 
     center: tuple[float, float]
     turn: float
@@ -137,7 +123,7 @@ class Spot:
 
 
 def rotated_outline_at_origin(body: Prism, center: FloatArray, angle: float) -> Prism:
-    """A body's outline about its own centre, turned and moved to the origin."""
+    """A body's outline turned about its centre and moved to the origin."""
     return Prism((body.outline - center) @ rotation_matrix_2d(angle).T, body.low, body.high, body.owner)
 
 
@@ -154,12 +140,16 @@ def find_free_spot(
     stack: bool = False,
     near: Vec3 | None = None,
 ) -> Spot | None:
-    """A place inside a region where an object rests on the lowest level there is, clear of its neighbours.
+    """A spot in a region where an object rests at the lowest level available, clear of its neighbours.
 
-    Of ``yaws`` the first one is taken with which it rests lowest; ``suits`` says which offsets (N, 2) and rest heights
-    (N,) the arm can serve. With ``spread``, places far from the edge and from others but close to ``near`` are
-    preferred, else the far corner; with ``stack``, any level will do.
+    Args:
+        yaws: turns to try; the first with the lowest rest height wins.
+        gap: clearance around the object, m.
+        suits: mask of the offsets (N, 2) and rest heights (N,) that the arm can serve.
+        spread: prefer spots close to ``near``, else to the centre; without it, the far corner.
+        stack: accept any level.
     """
+    reach, (x, y) = float(np.hypot(*region.size)) / 2, region.center
     offsets = region.grid_points(float(np.clip(min(region.size) / 24, 0.003, 0.015)))
     best: Spot | None = None
     for angle in yaws:
@@ -168,7 +158,12 @@ def find_free_spot(
         if not within.any():
             continue
         inside = offsets[within]
-        neighbours = _obstacles_near_region(obstacles, region, shape)
+        nearby = reach + float(np.linalg.norm(shape.outline, axis=1).max()) + 0.05
+        neighbours = [
+            obstacle
+            for obstacle, (x0, y0, x1, y1) in ((obstacle, obstacle.bounding_box_xy) for obstacle in obstacles)
+            if math.hypot(max(x0 - x, 0.0, x - x1), max(y0 - y, 0.0, y - y1)) < nearby
+        ]
         heights, resting = rest_heights_for_gaps(shape, neighbours, inside, (gap, gap if stack else -0.002))
         floor = float(resting.min())
         rows = np.arange(len(heights)) if stack else np.flatnonzero(heights <= max(floor, 0.0) + _LEVEL)
@@ -176,20 +171,26 @@ def find_free_spot(
         steady = rows[_is_center_supported(inside[rows], heights[rows], neighbours)]
         rows = steady if len(steady) else rows
         if len(rows):
-            points, levels = inside[rows], heights[rows]
-            chosen = _choose_spot_index(points, levels, region, near or region.center if spread else None)
+            points: FloatArray = inside[rows]
+            levels: FloatArray = heights[rows]
+            if spread:
+                wanted = np.asarray((near or region.center)[:2])
+                chosen = int(np.argmin(np.linalg.norm(points - wanted, axis=1) + levels))
+            else:  # from the far corner of the region on, low levels first
+                local = (points - np.asarray(region.center)) @ rotation_matrix_2d(region.yaw)
+                chosen = int(np.lexsort((-local[:, 1], -local[:, 0], np.round(levels, 2)))[0])
             spot = Spot((float(points[chosen, 0]), float(points[chosen, 1])), angle, float(levels[chosen]))
             if best is None or spot.height < best.height - _LEVEL:
                 best = spot
             if best.height <= _LEVEL:
-                break  # on the table, or on a floor: nothing is lower
+                break  # on the table, or on a floor: the lowest level
     return best
 
 
 def _is_center_supported(offsets: FloatArray, heights: FloatArray, obstacles: Sequence[Prism]) -> npt.NDArray[np.bool_]:
-    """Where (N,) a body's centre is over what carries it: it will not tip, as it would on a rim."""
+    """Mask (N,) of the offsets where a body's centre is over its support, so that it does not tip as on a rim."""
     supported = heights < _FLUSH
-    levels = set[float](heights[~supported].tolist())  # tops of obstacles, so that they are few
+    levels = set[float](heights[~supported].tolist())  # tops of obstacles, hence few
     for prism in obstacles:
         if any(abs(level - prism.high) < _FLUSH for level in levels):
             near = ~supported & (np.abs(heights - prism.high) < _FLUSH)
@@ -197,63 +198,45 @@ def _is_center_supported(offsets: FloatArray, heights: FloatArray, obstacles: Se
     return supported
 
 
-def _obstacles_near_region(obstacles: Sequence[Prism], region: Region, shape: Prism) -> list[Prism]:
-    reach = float(np.hypot(*region.size)) / 2 + float(np.linalg.norm(shape.outline, axis=1).max()) + 0.05
-    x, y = region.center
-    boxes = ((obstacle, obstacle.bounding_box_xy) for obstacle in obstacles)
-    return [
-        obstacle
-        for obstacle, (x0, y0, x1, y1) in boxes
-        if math.hypot(max(x0 - x, 0.0, x - x1), max(y0 - y, 0.0, y - y1)) < reach
-    ]
-
-
-def _choose_spot_index(points: FloatArray, heights: FloatArray, region: Region, near: Sequence[float] | None) -> int:
-    """The row nearest a point, else the first one from the region's far corner on, low levels first."""
-    if near is not None:
-        return int(np.argmin(np.linalg.norm(points - np.asarray(near[:2]), axis=1) + heights))
-    local = (points - np.asarray(region.center)) @ rotation_matrix_2d(region.yaw)
-    return int(np.lexsort((-local[:, 1], -local[:, 0], np.round(heights, 2)))[0])
-
-
 TALLEST_STACK: Final = 0.32
-"""The arm carries things safely over stacks up to this height, metres."""
-_APPROACH: Final = 0.04
+"""Greatest height of stacks that the arm carries objects over safely, metres."""
+APPROACH: Final = 0.04
+"""Height of the vertical approach above a place, metres."""
 
 
 @dataclass(frozen=True)
 class BlockedTarget:
-    """The target is taken by something that can be moved away first."""
+    """A target occupied by an object that can be moved away first."""
 
     blocker: int
-    keep_free: tuple[Prism, ...] = ()  # where it must not be put
-    otherwise: Spot | None = None  # the target all the same, if the blocker cannot be moved; None if it must be
+    keep_free: tuple[Prism, ...] = ()  # areas where the blocker must not go
+    otherwise: Spot | None = None  # the target all the same, if the blocker cannot move; None if it must
 
 
 Target = Spot | BlockedTarget | Stop
 
 
 def wrap_angle(angle: float, period: float = 2 * np.pi) -> float:
-    """The angle nearest zero that differs by a multiple of ``period``."""
+    """The equivalent angle nearest zero, modulo ``period``."""
     return float(angle - period * np.round(angle / period))
 
 
 @dataclass(frozen=True)
 class ReachTest:
-    """A test of offsets (N, 2) and rest heights (N,): can the arm bring the cup there and come down from above?"""
+    """Mask of the offsets (N, 2) and rest heights (N,) that the cup can reach, and approach from above."""
 
     lift: float
     arm: Arm
 
     def __call__(self, offsets: FloatArray, heights: FloatArray) -> npt.NDArray[np.bool_]:
         tips = np.column_stack([offsets, heights + self.lift])
-        above = tips + np.array([0.0, 0.0, _APPROACH])
+        above = tips + np.array([0.0, 0.0, APPROACH])
         low, high = self.arm.reachable_mask(np.concatenate([tips, above])).reshape(2, -1)
         return low & high
 
 
 def describe_out_of_reach(tip: Sequence[float], arm: Arm) -> str:
-    """How a point lies out of reach, in words."""
+    """The reason why a point is out of reach, in words."""
     distance = float(np.hypot(tip[0], tip[1]))
     if distance > arm.farthest:
         return f"is {distance:.2f} m from the base, reach is {arm.farthest:.2f} m"

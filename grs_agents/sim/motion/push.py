@@ -1,4 +1,4 @@
-"""The pushing primitive: a spatula comes down behind a pose, moves straight along the table, and lifts."""
+"""The pushing primitive: the spatula comes down behind a pose, moves straight along the table, and lifts."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -10,32 +10,32 @@ from grs_agents.base.geometry import transforms
 from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.sim.arms.arm_parts import BLADE_THICKNESS, BLADE_WIDTH
 from grs_agents.sim.arms.joint_paths import trapezoidal_profile
-from grs_agents.sim.motion.pick_place import FREE_SPEED, PickPlace
+from grs_agents.sim.motion.pick_place import FREE_SPEED, PickPlaceMotion
 from grs_agents.sim.motion.placement import format_point, wrap_angle
 from grs_agents.sim.motion.tool_paths import ToolPose
 
 HEIGHT: Final = 0.005
 BEFORE: Final = 0.02
 SHORT: Final = 0.05
-"""The tip moves at ``HEIGHT`` from ``BEFORE`` ahead of ``pose0`` to ``SHORT`` of ``pose1``, metres, as published."""
+"""Height of the tip, and its distance before ``pose0`` and short of ``pose1``, metres, as published."""
 _SPEED: Final = 0.30
 _RAMP: Final = 0.12
-"""Seconds in which a stroke reaches its speed, and stops: gentler than friction, so that nothing slides on."""
+"""Duration of the ramps of a stroke, seconds: gentler than friction, so that nothing slides on."""
 _ABOVE: Final = 0.06
 _MOVED: Final = 0.01
-"""What a push shifts by less it has but touched, metres."""
+"""Least displacement of a pushed object, metres; less is a mere touch."""
 
 
 @dataclass(frozen=True)
 class PushResult:
-    """What a push did."""
+    """Outcome of a push."""
 
-    pushed: tuple[int, ...]  # ids of what it moved, farthest first
-    note: str  # one clause; "pushed" when all went well
+    pushed: tuple[int, ...]  # ids of the displaced objects, farthest first
+    note: str  # a clause; "pushed" on success
 
 
 def stroke_endpoints(pose0: Pose, pose1: Pose) -> tuple[FloatArray, FloatArray] | None:
-    """Where the tip starts and ends (3,), metres; None if the poses are too near one another for any push."""
+    """Start and end (3,) of the tip, metres; None for poses too close to each other for any push."""
     start, end = np.array([*pose0[0][:2], HEIGHT]), np.array([*pose1[0][:2], HEIGHT])
     length = float(np.linalg.norm(end - start))
     if length + BEFORE - SHORT < 0.001:
@@ -45,17 +45,17 @@ def stroke_endpoints(pose0: Pose, pose1: Pose) -> tuple[FloatArray, FloatArray] 
 
 
 def action_points_for_stroke(start: FloatArray, end: FloatArray) -> tuple[Vec3, Vec3]:
-    """The positions of ``pose0`` and ``pose1`` for which the tip moves from ``start`` to ``end`` (2,), metres."""
+    """Positions of ``pose0`` and ``pose1`` for a stroke of the tip from ``start`` to ``end`` (2,), metres."""
     along = (end - start) / np.linalg.norm(end - start)
     first, last = start + BEFORE * along, end + SHORT * along
     return (float(first[0]), float(first[1]), HEIGHT), (float(last[0]), float(last[1]), HEIGHT)
 
 
-class Push(PickPlace):
-    """Pushes with the spatula; gets from place to place as `PickPlace` does."""
+class Push(PickPlaceMotion):
+    """Pushes with the spatula; travels as `PickPlaceMotion` does."""
 
     def push(self, pose0: Pose, pose1: Pose) -> PushResult:
-        """Do it: down behind ``pose0``, straight towards ``pose1``, up."""
+        """Lower the blade behind ``pose0``, move it straight towards ``pose1``, and lift it."""
         way = stroke_endpoints(pose0, pose1)
         if way is None:
             return PushResult((), f"pose0 and pose1 are less than {SHORT - BEFORE:.2f} m apart, that pushes nothing")
@@ -68,8 +68,24 @@ class Push(PickPlace):
         return PushResult(tuple(pushed), note)
 
     def _execute_stroke(self, start: FloatArray, end: FloatArray) -> str:
+        """Do a stroke. Returns: the note of its result."""
         physics, points = self.physics, straight_tip_path(self.physics.timestep, start, end)
-        yaw = self._move_above_start(start, end, points)
+        yaw = None
+        if self.arm.reachable_mask(np.array([start, end])).all():
+            least = wrap_angle(float(np.arctan2(end[1] - start[1], end[0] - start[0])) - self.yaw, np.pi)
+            # strokes in the same sense wind the wrist up to its limit, so the next best turns are tried too
+            for turn in sorted((least + half * np.pi for half in range(-2, 3)), key=abs):
+                turned = self.yaw + turn
+                above = self._stroke_start_poses(start, turned)[1]
+                path = self.arm.solve_ik_tool_down(
+                    points, np.full(len(points), turned), physics.commanded_joint_positions
+                )
+                radius = BLADE_WIDTH / 2 + BLADE_THICKNESS
+                if self.arm.is_path_within_limits(path) and self._travel_over_obstacles(
+                    above, radius, 0.0, self.obstacles, FREE_SPEED
+                ):
+                    yaw = turned
+                    break
         if yaw is None:
             return f"the arm cannot reach {format_point(transforms.to_vec3(start))} with the tool down{self._hindrance}"
         low, high = self._stroke_start_poses(start, yaw)
@@ -89,32 +105,14 @@ class Push(PickPlace):
         return "pushed"
 
     def _stroke_start_poses(self, start: FloatArray, yaw: float) -> tuple[ToolPose, ToolPose]:
-        """Where a stroke begins, and above it."""
+        """Poses at the start of a stroke, and above it."""
         return ToolPose(transforms.to_vec3(start), yaw), ToolPose(
             transforms.to_vec3(start + np.array([0.0, 0.0, _ABOVE])), yaw
         )
 
-    def _move_above_start(self, start: FloatArray, end: FloatArray, points: FloatArray) -> float | None:
-        """Go above the start; the yaw of the blade there, None if there is no way.
-        Stroke after stroke in one sense would wind the wrist up to its limit, so the next best turns are tried too."""
-        if not self.arm.reachable_mask(np.array([start, end])).all():
-            return None
-        least = wrap_angle(float(np.arctan2(end[1] - start[1], end[0] - start[0])) - self.yaw, np.pi)
-        for turn in sorted((least + half * np.pi for half in range(-2, 3)), key=abs):
-            yaw = self.yaw + turn
-            path = self.arm.solve_ik_tool_down(
-                points, np.full(len(points), yaw), self.physics.commanded_joint_positions
-            )
-            radius = BLADE_WIDTH / 2 + BLADE_THICKNESS
-            if self.arm.is_path_within_limits(path) and self._travel_over_obstacles(
-                self._stroke_start_poses(start, yaw)[1], radius, 0.0, self.obstacles, FREE_SPEED
-            ):
-                return yaw
-        return None
-
 
 def straight_tip_path(timestep: float, start: FloatArray, end: FloatArray) -> FloatArray:
-    """The tip's straight way (N, 3) from start to end (3,), metres, one row a time step."""
+    """Straight path (N, 3) of the tip from start to end (3,), metres, a row per time step."""
     length = float(np.linalg.norm(end - start))
     ramp = min(_RAMP, length / _SPEED)
     seconds = length / _SPEED + ramp

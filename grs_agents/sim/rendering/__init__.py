@@ -1,1 +1,1 @@
-"""Pictures of simulated scenes: colour, depth and which object, by rays anywhere and by OpenGL where it works."""
+"""Rendering of simulated scenes: colour, depth and object ids, by ray casting or OpenGL."""

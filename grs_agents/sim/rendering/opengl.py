@@ -1,4 +1,4 @@
-"""Pictures by MuJoCo's OpenGL, off-screen and in this process, whatever ``MUJOCO_GL`` was when MuJoCo was imported."""
+"""Images by MuJoCo's OpenGL renderer, off-screen and in this process, whatever ``MUJOCO_GL`` said at import."""
 
 import atexit
 import functools
@@ -19,14 +19,14 @@ from grs_agents.library.asset_rendering import Lens
 from grs_agents.sim.rendering.stage import ARM_GROUP, Stage
 
 LIBRARIES: Final = ("egl", "osmesa")
-"""The graphics libraries that draw without a display, best first."""
+"""Graphics libraries for off-screen rendering, best first."""
 _NEAR, _FAR = 0.01, 50.0
-"""What is nearer or farther is cut off, m."""
+"""Clipping planes, m."""
 _SMALL: Final = 256
 _COARSE: Final = (16, 10)
-"""Slices and stacks of round things in pictures with at most so many pixels on a side; MuJoCo draws 28 and 16."""
+"""Slices and stacks of round geoms in images of at most ``_SMALL`` pixels a side; MuJoCo's defaults are 28 and 16."""
 _QUADS: Final = 6
-"""Parts along the side of a box, each lit at its corners: MuJoCo's 4 lose the spot of light on the table."""
+"""Quads along the side of a box, each lit at its corners: MuJoCo's 4 lose the spot of light on the table."""
 _MOST_GEOMS: Final = 2000
 _PROBE: Final = """
 import importlib, sys, mujoco
@@ -37,13 +37,13 @@ mujoco.MjrContext(mujoco.MjModel.from_xml_string("<mujoco/>"), 50)
 
 
 class OpenGLError(GrsError):
-    """A graphics library is not there, or does not draw."""
+    """A graphics library is missing or does not render."""
 
 
 def choose_opengl_library() -> str | None:
-    """The graphics library to draw with, None where none works; that of ``MUJOCO_GL`` if it names one.
+    """Graphics library to render with: that of ``MUJOCO_GL`` if set, else the first that works, else None.
 
-    Each is first tried in a process of its own, once, since a broken driver may take its process with it.
+    Each is first tried in a child process, once, since a broken driver may crash its process.
     """
     wanted = os.environ.get("MUJOCO_GL", "").lower().strip()
     if wanted in ("disable", "disabled", "off", "false", "0") or not sys.platform.startswith("linux"):
@@ -54,10 +54,10 @@ def choose_opengl_library() -> str | None:
 
 @functools.cache
 def is_opengl_library_working(library: str) -> bool:
-    """Whether a graphics library draws here; found out in a process of its own, remembered in this one."""
+    """Whether a graphics library renders here; tested once in a child process."""
     command = [sys.executable, "-c", _PROBE, library]
     environment = {**os.environ, "MUJOCO_GL": "disabled"}  # or MuJoCo would look for another library first
-    environment.pop("PYOPENGL_PLATFORM", None)  # set here by a library that was used before
+    environment.pop("PYOPENGL_PLATFORM", None)  # set in this process by a library used before
     try:
         done = subprocess.run(command, env=environment, capture_output=True, stdin=subprocess.DEVNULL, check=False)
         return done.returncode == 0
@@ -69,35 +69,23 @@ _processes_that_drew: Final[set[int]] = set()
 _open: Final[WeakSet["OpenGLPainter"]] = WeakSet()
 
 
-def _close_all_painters() -> None:
-    """Before the graphics library itself goes at the end of the process."""
-    for painter in list(_open):
-        painter.close()
-
-
-def _make_context(library: str, height: int, width: int) -> Any:
-    """A context of MuJoCo's, which has to be kept as long as something is drawn with it."""
-    if _processes_that_drew - {os.getpid()}:
-        raise OpenGLError(
-            f"{library} cannot draw in a process forked from one that has drawn", "start the process with 'spawn'"
-        )
-    try:
-        context = importlib.import_module(f"mujoco.{library}").GLContext(width, height)
-    except Exception as error:
-        raise OpenGLError(f"{library} does not draw here: {error}", "see `grs doctor`, or draw by rays") from error
-    if not _processes_that_drew:
-        atexit.register(_close_all_painters)
-    _processes_that_drew.add(os.getpid())
-    return context
-
-
 class OpenGLPainter:
-    """Draws a stage in pictures of one size; to be used by the thread that made it."""
+    """Draws a stage in images of a fixed size; bound to the thread that created it."""
 
     def __init__(self, stage: Stage, height: int, width: int, library: str) -> None:
         self._stage, self._shape, self._resources = stage, (height, width), None
         self._process = os.getpid()
-        self._context = _make_context(library, height, width)
+        if _processes_that_drew - {self._process}:
+            raise OpenGLError(
+                f"{library} cannot draw in a process forked from one that has drawn", "start the process with 'spawn'"
+            )
+        try:
+            self._context: Any = importlib.import_module(f"mujoco.{library}").GLContext(width, height)
+        except Exception as error:
+            raise OpenGLError(f"{library} does not draw here: {error}", "see `grs doctor`, or draw by rays") from error
+        if not _processes_that_drew:
+            atexit.register(_close_all_painters)
+        _processes_that_drew.add(self._process)
         self._context.make_current()
         model = stage.model
         model.vis.global_.offwidth, model.vis.global_.offheight = width, height
@@ -117,7 +105,7 @@ class OpenGLPainter:
         self._owners: dict[bool, npt.NDArray[np.int32]] = {}
 
     def prepare_view(self, lens: Lens, pose: FloatArray, arm: bool = True) -> None:
-        """Take up how the stage is now, seen through ``lens`` from ``pose`` (T_robot_cam, OpenCV axes)."""
+        """Capture the current state of the stage through ``lens`` from ``pose`` (T_robot_cam, OpenCV axes)."""
         self._option.geomgroup[ARM_GROUP] = arm
         stage, everything = self._stage, mujoco.mjtCatBit.mjCAT_ALL.value
         mujoco.mjv_updateScene(stage.model, stage.data, self._option, None, self._camera, everything, self._scene)
@@ -134,7 +122,7 @@ class OpenGLPainter:
         self._arm = arm
 
     def draw_color(self) -> npt.NDArray[np.uint8]:
-        """(H, W, 3) as seen from where ``look`` was told."""
+        """Colour image (H, W, 3) of the prepared view."""
         self._context.make_current()
         color = np.empty((*self._shape, 3), np.uint8)
         mujoco.mjr_render(self._rectangle, self._scene, self._resources)
@@ -142,7 +130,7 @@ class OpenGLPainter:
         return color[::-1]
 
     def draw_depth_and_owner(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int32]]:
-        """(H, W) each: metres along the optical axis, 0 for nothing; object id or -1."""
+        """Depth (H, W), m along the optical axis, 0 without a hit, and owner (H, W), object id or -1."""
         self._context.make_current()
         flags, number = self._scene.flags, np.empty((*self._shape, 3), np.uint8)
         depth = np.empty(self._shape, np.float32)
@@ -153,28 +141,23 @@ class OpenGLPainter:
         flags[:] = before
         mujoco.mjr_readPixels(number, depth, self._rectangle, self._resources)
         segment = number[..., 0] + (number[..., 1].astype(np.int32) << 8)
-        seen = segment > 0
-        metres = _NEAR * _FAR / (_NEAR + depth * np.float32(_FAR - _NEAR))
-        return np.where(seen, metres, np.float32(0))[::-1], self._owners_by_segment()[segment][::-1]
-
-    def _owners_by_segment(self) -> npt.NDArray[np.int32]:
-        """Object id by the number that a picture of segments has at a pixel; 0 there is nothing, here -1."""
-        if self._arm not in self._owners:
+        if self._arm not in self._owners:  # object id by segment number; 0 is the background
             geoms = self._scene.geoms[: self._scene.ngeom]
             owners = np.full(len(geoms) + 1, -1, np.int32)
             for geom in geoms:
                 if geom.segid >= 0 and geom.objtype == mujoco.mjtObj.mjOBJ_GEOM:
                     owners[geom.segid + 1] = self._stage.owners[geom.objid]
             self._owners[self._arm] = owners
-        return self._owners[self._arm]
+        metres = _NEAR * _FAR / (_NEAR + depth * np.float32(_FAR - _NEAR))
+        return np.where(segment > 0, metres, np.float32(0))[::-1], self._owners[self._arm][segment][::-1]
 
     @property
     def is_usable(self) -> bool:
-        """Whether this is the process that made it: what is forked from that cannot draw with it."""
+        """Whether this process created the painter: a forked child cannot draw with it."""
         return self._process == os.getpid()
 
     def close(self) -> None:
-        """Give back what the graphics library holds."""
+        """Release the resources of the graphics library."""
         if self._resources is not None and self.is_usable:
             with self._context.as_current():
                 self._resources.free()
@@ -183,3 +166,9 @@ class OpenGLPainter:
 
     def __del__(self) -> None:
         self.close()
+
+
+def _close_all_painters() -> None:
+    """At exit, before the graphics library itself is torn down."""
+    for painter in list(_open):
+        painter.close()

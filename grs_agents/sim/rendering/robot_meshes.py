@@ -1,4 +1,4 @@
-"""A robot as it looks in triangles, for viewers that do not draw MuJoCo's models: one mesh for each of its bodies."""
+"""Triangle meshes of a robot's looks, a mesh per body, for viewers that do not draw MuJoCo models."""
 
 from dataclasses import dataclass
 from typing import Any, Final
@@ -17,7 +17,7 @@ _GEOM: Final = mujoco.mjtGeom
 
 @dataclass(frozen=True)
 class RobotMesh:
-    """What is seen of one body, in its frame: N vertices of M triangles."""
+    """Visible surface of a body, in its frame: N vertices of M triangles."""
 
     vertices: FloatArray  # (N, 3) metres
     normals: FloatArray  # (N, 3) unit length, outwards
@@ -26,7 +26,7 @@ class RobotMesh:
 
 
 def build_robot_meshes(arm: Arm, push: bool = False) -> dict[str, RobotMesh]:
-    """The meshes by the names of the bodies, "world" for what stands still; with the spatula to ``push``."""
+    """Meshes by body name, "world" for the fixed base; with the spatula to ``push``."""
     spec = mujoco.MjSpec()
     add_robot(spec, arm, push)
     model: Any = spec.compile()
@@ -39,29 +39,24 @@ def build_robot_meshes(arm: Arm, push: bool = False) -> dict[str, RobotMesh]:
         mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
         turn, (corners, normals) = turn.reshape(3, 3), solid
         count = len(corners)
-        color = np.tile(np.round(255 * _geom_color(model, geom)).astype(np.uint8), (count, 1))
+        material = int(model.geom_matid[geom])
+        rgba = np.array(model.geom_rgba[geom] if material < 0 else model.mat_rgba[material], np.float64)
+        color = np.tile(np.round(255 * rgba).astype(np.uint8), (count, 1))
         mesh = RobotMesh(
             corners @ turn.T + model.geom_pos[geom], normals @ turn.T, np.arange(count).reshape(-1, 3), color
         )
         parts.setdefault(str(model.body(model.geom_bodyid[geom]).name), []).append(mesh)
-    return {name: _merge_meshes(meshes) for name, meshes in parts.items()}
-
-
-def _merge_meshes(meshes: list[RobotMesh]) -> RobotMesh:
-    """One mesh of several, each corner a vertex of its own."""
-    vertices, normals, colors = (
-        np.concatenate([getattr(mesh, name) for mesh in meshes]) for name in ("vertices", "normals", "colors")
-    )
-    return RobotMesh(vertices, normals, np.arange(len(vertices)).reshape(-1, 3), colors)
-
-
-def _geom_color(model: Any, geom: int) -> FloatArray:
-    material = int(model.geom_matid[geom])
-    return np.array(model.geom_rgba[geom] if material < 0 else model.mat_rgba[material], np.float64)
+    meshes: dict[str, RobotMesh] = {}
+    for name, pieces in parts.items():
+        vertices, normals, colors = (
+            np.concatenate([getattr(mesh, field) for mesh in pieces]) for field in ("vertices", "normals", "colors")
+        )
+        meshes[name] = RobotMesh(vertices, normals, np.arange(len(vertices)).reshape(-1, 3), colors)
+    return meshes
 
 
 def _geom_triangles_and_normals(model: Any, geom: int) -> tuple[FloatArray, FloatArray] | None:
-    """Corners (3 M, 3) of a geom's triangles in its own frame, m, and the normals there; None for endless planes."""
+    """Corners (3 M, 3) of a geom's triangles in its own frame, m, and their normals; None for infinite planes."""
     kind, size = int(model.geom_type[geom]), model.geom_size[geom]
     if kind == _GEOM.mjGEOM_MESH:
         mesh = int(model.geom_dataid[geom])
@@ -70,9 +65,23 @@ def _geom_triangles_and_normals(model: Any, geom: int) -> tuple[FloatArray, Floa
         vertices = np.asarray(model.mesh_vert[first : first + count], np.float64)
         return _flat_shaded_triangles(vertices[model.mesh_face[start : start + faces]])
     if kind == _GEOM.mjGEOM_BOX:
-        return _flat_shaded_triangles(_box_triangles() * size)
+        faces = list[FloatArray]()
+        for axis in range(3):
+            for side in (-1.0, 1.0):
+                square = np.zeros((4, 3))
+                square[:, axis] = side
+                square[:, [(axis + 1) % 3, (axis + 2) % 3]] = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+                faces += [square[[0, 1, 2]], square[[0, 2, 3]]] if side > 0 else [square[[0, 2, 1]], square[[0, 3, 2]]]
+        return _flat_shaded_triangles(np.array(faces) * size)
     if kind == _GEOM.mjGEOM_CYLINDER:
-        return _cylinder_triangles(float(size[0]), float(size[1]))
+        radius, half = float(size[0]), float(size[1])
+        profiles = (
+            [(0, -half, 0, -1), (radius, -half, 0, -1)],
+            [(radius, -half, 1, 0), (radius, half, 1, 0)],
+            [(radius, half, 0, 1), (0, half, 0, 1)],
+        )
+        sides = [_revolve_about_z(np.array(profile, np.float64)) for profile in profiles]
+        return np.concatenate([side[0] for side in sides]), np.concatenate([side[1] for side in sides])
     if kind in (_GEOM.mjGEOM_CAPSULE, _GEOM.mjGEOM_SPHERE):
         half = float(size[1]) if kind == _GEOM.mjGEOM_CAPSULE else 0.0
         return _revolve_about_z(_capsule_profile(float(size[0]), half))
@@ -84,26 +93,15 @@ def _geom_triangles_and_normals(model: Any, geom: int) -> tuple[FloatArray, Floa
 
 
 def _flat_shaded_triangles(corners: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Of triangles (M, 3, 3), each as flat as it is."""
+    """Corners and normals of triangles (M, 3, 3), flat shaded."""
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
     return corners.reshape(-1, 3), np.repeat(across, 3, axis=0)
 
 
-def _box_triangles() -> FloatArray:
-    """(12, 3, 3) of a box from -1 to 1."""
-    faces = list[FloatArray]()
-    for axis in range(3):
-        for side in (-1.0, 1.0):
-            square = np.zeros((4, 3))
-            square[:, axis] = side
-            square[:, [(axis + 1) % 3, (axis + 2) % 3]] = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
-            faces += [square[[0, 1, 2]], square[[0, 2, 3]]] if side > 0 else [square[[0, 2, 1]], square[[0, 3, 2]]]
-    return np.array(faces)
-
-
 def _capsule_profile(radius: float, half: float) -> FloatArray:
-    """(K, 4) distance from the axis and height, m, of a capsule from bottom to top, and the normal there."""
+    """Profile (K, 4) of a capsule from bottom to top: radius and height, m, and the normal in that plane."""
+
     angles = np.linspace(0.0, np.pi / 2, _SLICES // 4 + 1)
     sin, cos = np.sin(angles), np.cos(angles)
     top = np.column_stack([radius * cos, half + radius * sin, cos, sin])
@@ -111,19 +109,8 @@ def _capsule_profile(radius: float, half: float) -> FloatArray:
     return np.concatenate([bottom, top])
 
 
-def _cylinder_triangles(radius: float, half: float) -> tuple[FloatArray, FloatArray]:
-    """A cylinder with sharp edges."""
-    profiles = (
-        [(0, -half, 0, -1), (radius, -half, 0, -1)],
-        [(radius, -half, 1, 0), (radius, half, 1, 0)],
-        [(radius, half, 0, 1), (0, half, 0, 1)],
-    )
-    parts = [_revolve_about_z(np.array(profile, np.float64)) for profile in profiles]
-    return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
-
-
 def _revolve_about_z(profile: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Triangles of a profile (K, 4) turned about z."""
+    """Triangles of the solid of revolution of a profile (K, 4) about z."""
     angles = np.linspace(0.0, 2 * np.pi, _SLICES + 1)
     cos, sin = np.cos(angles), np.sin(angles)
     points = np.stack(

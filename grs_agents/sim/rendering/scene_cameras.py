@@ -1,4 +1,4 @@
-"""The cameras of a running environment: the photo's, one in front of the robot, one at its wrist."""
+"""The cameras of a running environment: the photo's, the front and the wrist camera."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,12 +12,11 @@ from grs_agents.base.geometry import transforms
 from grs_agents.base.geometry.transforms import FloatArray, pose_matrix
 from grs_agents.library.asset_rendering import Lens
 from grs_agents.library.library import Library
-from grs_agents.sim.instance.task_instance import InstanceCamera, TaskInstance
+from grs_agents.sim.instance.task_instance import TaskInstance
 from grs_agents.sim.rendering import opengl
-from grs_agents.sim.rendering.lenses import lens_from_field_of_view, resize_lens, view_pose
+from grs_agents.sim.rendering.cameras import FRONT, RenderedImage, lens_from_field_of_view, resize_lens, view_pose
 from grs_agents.sim.rendering.ray_painter import RayPainter
 from grs_agents.sim.rendering.stage import LARGEST_PICTURE, Stage, scene_props_from_instance
-from grs_agents.sim.rendering.views import FRONT, Picture
 from grs_agents.sim.world.physics import Physics
 
 Backend = Literal["auto", "egl", "osmesa", "rays"]
@@ -27,22 +26,22 @@ _QUICK: Final = {"samples": 0, "shadows": False, "flash": 0.2, "glossy": False}
 _WRIST_AT: Final = (0.09, 0.0, -0.14)
 _WRIST_TILT: Final = 0.3
 _WRIST_FIELD_OF_VIEW: Final = 65.0
-"""Of the wrist's camera: its place in the frame of the tip (m; z points out of the cup), how far it is turned towards
-the cup (rad), and its vertical field of view (deg)."""
+"""Wrist camera: position in the tip frame (m; z points out of the cup), tilt towards the cup (rad), vertical field of
+view (deg)."""
 
 
 class SceneCameras:
-    """Draws a running environment from its cameras.
+    """Renders a running environment from its cameras.
 
     Args:
         instance: the task instance that the environment runs.
-        library: where its assets are.
-        size: rows and columns of the pictures.
-        names: of the cameras that are wanted, of ``CAMERAS``; "photo" only if the instance has a camera.
-        backend: what to draw with. "auto" takes OpenGL where it works (EGL, then OSMesa), rays elsewhere.
+        library: source of its assets.
+        size: rows and columns of the images.
+        names: cameras to set up, of ``CAMERAS``; "photo" only if the instance has a camera.
+        backend: renderer. "auto" takes OpenGL if it works (EGL, then OSMesa), else rays.
 
-    Raises ``UnknownNameError`` for a camera that there is not, ``InputError`` for a size or an asset that cannot be
-    drawn, ``OpenGLError`` where the named ``backend`` does not work here.
+    Raises ``UnknownNameError`` for an unknown camera, ``InputError`` for a size or an asset that cannot be drawn,
+    ``OpenGLError`` if the named ``backend`` does not work here.
     """
 
     def __init__(
@@ -53,7 +52,16 @@ class SceneCameras:
         names: Sequence[str] = CAMERAS,
         backend: Backend = "auto",
     ) -> None:
-        _check_cameras_and_size(instance, size, names, backend)
+        if backend not in BACKENDS:
+            raise UnknownNameError("backend", backend, BACKENDS)
+        available = tuple(name for name in CAMERAS if name != "photo" or instance.camera is not None)
+        for name in names:
+            if name not in available:
+                raise UnknownNameError("camera", name, available)
+        if not all(1 <= side <= LARGEST_PICTURE for side in size):
+            raise InputError(
+                f"pictures of {size[0]} x {size[1]} px", f"ask for 1 to {LARGEST_PICTURE} rows and columns"
+            )
         self._size = size
         self._library = opengl.choose_opengl_library() if backend == "auto" else None if backend == "rays" else backend
         self._automatic = backend == "auto"
@@ -66,23 +74,24 @@ class SceneCameras:
             "front": lens_from_field_of_view(FRONT.field_of_view, height, width),
             "wrist": lens_from_field_of_view(_WRIST_FIELD_OF_VIEW, height, width),
         }
-        self._photo = instance.camera
-        if instance.camera is not None:
-            lenses["photo"] = resize_lens(_lens_of_photo(instance.camera), height, width)
+        self._photo = photo = instance.camera
+        if photo is not None:
+            lens = Lens(photo.fx, photo.fy, photo.cx, photo.cy, photo.width, photo.height)
+            lenses["photo"] = resize_lens(lens, height, width)
         self._lenses = {name: lenses[name] for name in names}
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The cameras, as they were asked for."""
+        """Names of the cameras, in the order requested."""
         return tuple(self._lenses)
 
     @property
     def backend(self) -> str:
-        """What pictures are drawn with: "egl", "osmesa" or "rays"."""
+        """The renderer in use: "egl", "osmesa" or "rays"."""
         return self._library or "rays"
 
     def intrinsics(self, name: str) -> FloatArray:
-        """(3, 3) camera matrix in pixels, the centre of the first pixel at (0, 0)."""
+        """Camera matrix (3, 3) in pixels, the centre of the first pixel at (0, 0)."""
         lens = self._lens_by_name(name)
         return np.array([[lens.fx, 0, lens.cx], [0, lens.fy, lens.cy], [0, 0, 1.0]])
 
@@ -92,17 +101,17 @@ class SceneCameras:
         self._stage.copy_state(physics)
         return self._pose(name)
 
-    def render(self, physics: Physics, name: str) -> Picture:
-        """What a camera sees: colour, depth and which object."""
+    def render(self, physics: Physics, name: str) -> RenderedImage:
+        """Colour, depth and object ids as a camera sees them."""
         painter = self._aim_painter(physics, name)
-        return Picture(painter.draw_color(), *painter.draw_depth_and_owner())
+        return RenderedImage(painter.draw_color(), *painter.draw_depth_and_owner())
 
     def render_color(self, physics: Physics, name: str) -> npt.NDArray[np.uint8]:
-        """(H, W, 3) what a camera sees, in colour alone, which is quicker."""
+        """Colour image (H, W, 3) alone, which is faster."""
         return self._aim_painter(physics, name).draw_color()
 
     def close(self) -> None:
-        """Give back what the graphics library holds; a later picture takes it again."""
+        """Release the resources of the graphics library; the next image acquires them again."""
         if self._painter is not None:
             self._painter.close()
             self._painter = None
@@ -112,23 +121,19 @@ class SceneCameras:
         self._stage.copy_state(physics)
         painter = self._painter
         if painter is None or not painter.is_usable:
-            painter = self._make_painter()
+            painter = None
+            if self._library is not None:
+                try:
+                    painter = opengl.OpenGLPainter(self._stage, *self._size, self._library)
+                except opengl.OpenGLError:
+                    if not self._automatic:
+                        raise
+                    self._library = None
+            self._painter = painter = painter or RayPainter(self._stage, *self._size)
         painter.prepare_view(
             lens, self._pose(name), arm=not (name == "photo" and self._photo and self._photo.robot_placed)
         )
         return painter
-
-    def _make_painter(self) -> "Painter":
-        if self._library is not None:
-            try:
-                self._painter = opengl.OpenGLPainter(self._stage, *self._size, self._library)
-                return self._painter
-            except opengl.OpenGLError:
-                if not self._automatic:
-                    raise
-                self._library = None
-        self._painter = RayPainter(self._stage, *self._size)
-        return self._painter
 
     def _lens_by_name(self, name: str) -> Lens:
         if name not in self._lenses:
@@ -143,7 +148,7 @@ class SceneCameras:
 
 
 class Painter(Protocol):
-    """Draws a stage, by one means or another."""
+    """A renderer of stages."""
 
     @property
     def is_usable(self) -> bool:
@@ -151,39 +156,24 @@ class Painter(Protocol):
         ...
 
     def prepare_view(self, lens: Lens, pose: FloatArray, arm: bool = True) -> None:
-        """Take up how the stage is now, seen through ``lens`` from ``pose`` (T_robot_cam, OpenCV axes)."""
+        """Capture the current state of the stage through ``lens`` from ``pose`` (T_robot_cam, OpenCV axes)."""
         ...
 
     def draw_color(self) -> npt.NDArray[np.uint8]:
-        """(H, W, 3) as seen from where ``look`` was told."""
+        """Colour image (H, W, 3) of the prepared view."""
         ...
 
     def draw_depth_and_owner(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int32]]:
-        """(H, W) each: metres along the optical axis, 0 for nothing; object id or -1."""
+        """Depth (H, W), m along the optical axis, 0 without a hit, and owner (H, W), object id or -1."""
         ...
 
     def close(self) -> None:
-        """Give back what it holds."""
+        """Release its resources."""
         ...
 
 
-def _check_cameras_and_size(instance: TaskInstance, size: tuple[int, int], names: Sequence[str], backend: str) -> None:
-    if backend not in BACKENDS:
-        raise UnknownNameError("backend", backend, BACKENDS)
-    there = tuple(name for name in CAMERAS if name != "photo" or instance.camera is not None)
-    for name in names:
-        if name not in there:
-            raise UnknownNameError("camera", name, there)
-    if not all(1 <= side <= LARGEST_PICTURE for side in size):
-        raise InputError(f"pictures of {size[0]} x {size[1]} px", f"ask for 1 to {LARGEST_PICTURE} rows and columns")
-
-
-def _lens_of_photo(camera: InstanceCamera) -> Lens:
-    return Lens(camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height)
-
-
 def _wrist_pose() -> FloatArray:
-    """T_tip_cam (4, 4): the cup is at the lower edge of the picture."""
+    """T_tip_cam (4, 4): the cup is at the lower edge of the image."""
     sine, cosine = np.sin(_WRIST_TILT), np.cos(_WRIST_TILT)
     down, forward = np.array([-cosine, 0.0, -sine]), np.array([-sine, 0.0, cosine])
     return pose_matrix(np.stack([np.cross(down, forward), down, forward], axis=1), np.array(_WRIST_AT))

@@ -1,4 +1,4 @@
-"""What may differ between a task instance and a variation of it."""
+"""The bounds of a variation of a task instance."""
 
 from typing import Annotated
 

@@ -1,4 +1,4 @@
-"""How a world looks beyond its shapes: textures of assets, and the light and the table top of an instance."""
+"""Looks of a world beyond its shapes: textures of assets, the light and the table top of an instance."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
@@ -14,24 +14,23 @@ from grs_agents.library.shapes import ObjectModel
 from grs_agents.sim.instance.task_instance import InstanceLight, InstanceObject, InstanceTable
 
 TABLE_SIDE: Final = 2.4
-"""Of the square top of the table, metres."""
+"""Side of the square table top, metres."""
 TABLE_CENTER: Final = (0.4, 0.0)
-"""The middle of that top, metres in the robot frame."""
+"""Centre of the table top, metres, robot frame."""
 _UNSAID: Final = (0.5, 0.5, 0.5, 1.0)
-"""The colour of a geom that has none of its own: MuJoCo takes that of its material."""
+"""Default colour of a geom: MuJoCo then takes the colour of its material."""
 _SQUARE: Final = 0.1
-"""Metres of a square of a checkered table."""
+"""Side of a square of a checkered table, metres."""
 _SPECK, _SPECKS = 0.006, 0.2
-"""Metres of a speck of a speckled table, and the share of it that specks cover."""
+"""Size of a speck of a speckled table, metres, and the share of the table that specks cover."""
 _PIXELS: Final = 128
-"""Of a side of the pattern; those of a speckled one are its specks."""
+"""Side of the pattern's texture; in a speckled pattern each pixel is a speck."""
 
 
 def add_textures(
     spec: Any, objects: Sequence[InstanceObject], models: Mapping[int, ObjectModel], library: Library
 ) -> None:
-    """Cover the visual geoms ``object_<id>_visual_<n>`` with the textures of their shapes; an object's own colour is
-    laid over all of it, so it stays plain."""
+    """Texture the visual geoms ``object_<id>_visual_<n>`` as their shapes say; recoloured objects stay plain."""
     for item in objects:
         for index, shape in enumerate(models[item.id].visuals):
             if shape.texture and item.color is None:
@@ -41,9 +40,10 @@ def add_textures(
 
 
 def set_light_and_table(spec: Any, light: InstanceLight, table: InstanceTable, library: Library) -> None:
-    """Give a world that ``create_base_world_spec`` made the light and the table top of an instance.
-    Raises ``InputError`` for a light that shines at itself, and for a texture that the library does
-    not have or that is too large."""
+    """Set the light and the table top of an instance in a world of ``create_base_world_spec``.
+
+    Raises ``InputError`` for a light that shines at itself, and for a texture that is unknown or too large.
+    """
     direction = np.subtract(light.target, light.position)
     if not np.linalg.norm(direction) > 1e-6:
         raise InputError(f"the light at {light.position} shines at itself", "give it another target")
@@ -56,13 +56,23 @@ def set_light_and_table(spec: Any, light: InstanceLight, table: InstanceTable, l
         add_texture_file(spec, "table", library.mesh_or_texture_path(table.texture))
         _apply_texture_to_geom(spec, top, TABLE_SIDE)
     elif table.pattern != "plain":
-        _add_pattern(spec, table)
-        _apply_texture_to_geom(spec, top, 2 * _SQUARE if table.pattern == "checker" else _PIXELS * _SPECK)
+        checkered = table.pattern == "checker"
+        built = mujoco.mjtBuiltin.mjBUILTIN_CHECKER if checkered else mujoco.mjtBuiltin.mjBUILTIN_FLAT
+        texture = spec.add_texture(name="table", type=mujoco.mjtTexture.mjTEXTURE_2D, builtin=built)
+        texture.width = texture.height = _PIXELS
+        texture.rgb1, texture.rgb2 = table.color[:3], table.second_color[:3]
+        if not checkered:
+            texture.mark, texture.markrgb = mujoco.mjtMark.mjMARK_RANDOM, table.second_color[:3]
+            texture.random = _SPECKS
+        _apply_texture_to_geom(spec, top, 2 * _SQUARE if checkered else _PIXELS * _SPECK)
 
 
 def read_table_pattern(model: Any) -> tuple[npt.NDArray[np.uint8], float] | None:
-    """One period of the pattern (H, W, 3) on a compiled model's table and its side, m; None for a plain table.
-    Columns go along x from the table's lowest x on, rows against y from its greatest y on."""
+    """Pattern of a compiled model's table.
+
+    Returns: one period (H, W, 3), columns along x from the lowest x, rows against y from the greatest y, and its side
+    (m); None for a plain table.
+    """
     if int(model.geom("table").matid[0]) < 0:
         return None
     texture = model.texture("table")
@@ -71,18 +81,8 @@ def read_table_pattern(model: Any) -> tuple[npt.NDArray[np.uint8], float] | None
     return pixels, 2 / float(model.material("table").texrepeat[0])
 
 
-def _add_pattern(spec: Any, table: InstanceTable) -> None:
-    checkered = table.pattern == "checker"
-    built = mujoco.mjtBuiltin.mjBUILTIN_CHECKER if checkered else mujoco.mjtBuiltin.mjBUILTIN_FLAT
-    texture = spec.add_texture(name="table", type=mujoco.mjtTexture.mjTEXTURE_2D, builtin=built)
-    texture.width = texture.height = _PIXELS
-    texture.rgb1, texture.rgb2 = table.color[:3], table.second_color[:3]
-    if not checkered:
-        texture.mark, texture.markrgb, texture.random = mujoco.mjtMark.mjMARK_RANDOM, table.second_color[:3], _SPECKS
-
-
 def _apply_texture_to_geom(spec: Any, geom: Any, side: float = 0.0) -> None:
-    """Cover a geom with the texture of its name, repeated every ``side`` metres; 0: as the mesh says."""
+    """Apply the texture of a geom's name to it, repeated every ``side`` metres; 0 keeps the mesh's coordinates."""
     material = spec.add_material(name=str(geom.name))
     material.textures[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] = str(geom.name)
     if side:

@@ -1,8 +1,8 @@
-"""What one call may simulate: time steps in all, objects and mesh vertices on the table at once.
+"""Limits of a sandbox call: simulated time steps in all, objects and mesh vertices on the table at once.
 
-A process serves one call, and ``set_call_limits`` says once what that may cost. Catching an error of these gains
-nothing: steps that are used up stay used up, and ``describe_reached_limit`` says afterwards which limit was met. The
-limits keep programs from asking for too much; the limits of the sandbox keep the host safe from hostile code.
+A process serves one call, whose limits ``set_call_limits`` sets once. A program gains nothing by catching these errors:
+spent steps stay spent, and ``describe_reached_limit`` reports the limit afterwards. These limits keep programs from
+asking for too much; the limits of the sandbox keep the host safe from hostile code.
 """
 
 from dataclasses import dataclass, field
@@ -35,12 +35,12 @@ _call = _CallBudget()
 
 
 def set_call_limits(limits: Limits) -> None:
-    """Begin a call that may simulate so much. Without this, steps are limited for each environment alone."""
+    """Begin a call with these limits. Without it, steps are limited for each environment alone."""
     _call.limits, _call.steps_left, _call.reached = limits, limits.simulated_steps, None
 
 
 def reset_before_test() -> None:
-    """Forget the last episode, and which limit was reached; what is used up stays so."""
+    """Forget the last episode and the limit it reached; spent steps stay spent."""
     clear_last_episode()
     _call.reached = None
 
@@ -51,38 +51,33 @@ def latest_limit_error() -> SimulationError | None:
 
 
 def describe_reached_limit() -> str | None:
-    """The same in words, the outcome first."""
+    """``latest_limit_error`` in words, the outcome first; None without any."""
     error = _call.reached
     return None if error is None else f"{error.outcome}: {error}"
 
 
 class Budget:
-    """Simulated steps left to one environment, which come off those of the call as well."""
+    """Simulated steps left to an environment; they count against the call's as well."""
 
     def __init__(self, steps: int = DEFAULT_BUDGET) -> None:
         self.limit = self.left = steps
 
     def spend_steps(self, steps: int) -> None:
-        """Take ``steps``; raises ``SimulationBudgetError`` if not so many are left, and from then on always."""
-        _spend_call_steps(steps)
+        """Spend ``steps``; raises ``SimulationBudgetError`` if fewer are left, and on every later call."""
+        if _call.steps_left is not None:
+            _call.steps_left -= steps
+            if _call.steps_left < 0:
+                found = f"the call used up its {_call.limits.simulated_steps} simulated steps"
+                remedy = "simulate less in all tests or seeds together, or raise limits.simulated_steps"
+                raise _record_limit_error(SimulationBudgetError(found, remedy))
         self.left -= steps
         if self.left < 0:
             found = f"the environment used up its {self.limit} simulated steps"
             raise _record_limit_error(SimulationBudgetError(found, "reset less often or do less in a step"))
 
 
-def _spend_call_steps(steps: int) -> None:
-    if _call.steps_left is None:
-        return
-    _call.steps_left -= steps
-    if _call.steps_left < 0:
-        found = f"the call used up its {_call.limits.simulated_steps} simulated steps"
-        remedy = "simulate less in all tests or seeds together, or raise limits.simulated_steps"
-        raise _record_limit_error(SimulationBudgetError(found, remedy))
-
-
 def check_object_count(count: int) -> None:
-    """Raise ``ObjectLimitError`` if so many objects may not be on the table."""
+    """Raise ``ObjectLimitError`` for a count of objects beyond the limit."""
     most = _call.limits.objects
     if count > most:
         remedy = "add fewer objects"
@@ -90,7 +85,7 @@ def check_object_count(count: int) -> None:
 
 
 def add_to_vertex_count(count: int, shapes: ObjectModel, library: Library) -> int:
-    """Vertices of the meshes on the table with one more object; raises ``VertexLimitError`` for too many."""
+    """Mesh vertices on the table with another object added; raises ``VertexLimitError`` for too many."""
     count += _count_mesh_vertices(shapes, library)
     most = _call.limits.mesh_vertices
     if count > most:

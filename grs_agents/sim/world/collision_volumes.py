@@ -18,18 +18,18 @@ from grs_agents.sim.instance.goal import Zone
 from grs_agents.sim.world.footprints import cached_per_model
 
 _POINTS: Final = 600
-"""About as many points stand for one object."""
+"""Approximate number of sample points of an object."""
 _ROUND: Final = 6
-"""Cells along each axis of a round thing or a mesh, at least."""
+"""Least number of cells along each axis of a round shape or a mesh."""
 _FINE: Final = 24
 _ALONG: Final = 200
-"""Cells along an axis at most: a sheet has many more than ``_POINTS`` of them otherwise."""
+"""Most cells along an axis: a sheet would have many more than ``_POINTS`` otherwise."""
 _REMEMBERED: Final = 512
 
 
 @dataclass(frozen=True)
 class Volume:
-    """Points (3, N) spread evenly over an object's colliders, object frame, and the share (N,) that each stands for."""
+    """Points (3, N) spread evenly over an object's colliders, object frame, and their weights (N,), which sum to 1."""
 
     points: FloatArray
     weights: FloatArray
@@ -55,14 +55,14 @@ def sample_collision_volume(model: ObjectModel, library: Library) -> Volume:
 
 _CELLS: Final = 160
 _MOUTH: Final = 0.15
-"""Cells along each axis of a level, and how far below the rim walls are sought, as a share of the height."""
+"""Cells along each axis of a level, and the depth below the rim at which walls are sought, as a share of the height."""
 
 
 @cached_per_model
 def measure_inner_size(model: ObjectModel, library: Library) -> Vec3 | None:
-    """The room in an upright object: between its walls along x and y at half its depth, and from floor to rim, metres.
+    """Inner size of an upright container: x and y between its walls at half depth, z from floor to rim, metres.
 
-    None where no walls surround anything: solids, marks, flat plates.
+    None for objects without an inside: solids, marks, flat plates.
     """
     solids = [_Solid.from_shape(shape, library) for shape in model.colliders]
     low, high = (np.asarray(corner, np.float64) for corner in model.bounds)
@@ -72,7 +72,7 @@ def measure_inner_size(model: ObjectModel, library: Library) -> Vec3 | None:
         return np.any([solid.contains_points_in_object_frame(points) for solid in solids], axis=0)
 
     def find_hollow_cells(height: float) -> npt.NDArray[np.int64]:
-        """The free cells (N, 2) of a level that have walls on all four sides."""
+        """Free cells (N, 2) of a level with walls on all four sides."""
         level = _grid_cell_centers(
             np.array([*low[:2], height]), np.array([*high[:2], height]), np.array([_CELLS, _CELLS, 1])
         )
@@ -93,28 +93,25 @@ def measure_inner_size(model: ObjectModel, library: Library) -> Vec3 | None:
 
 
 def volume_share_in_zones(volume: Volume, pose: Pose, zones: Sequence[Zone], ceiling: float) -> float:
-    """The share of an object's volume that lies over any of the zones and below ``ceiling`` (m)."""
+    """Share of an object's volume above any of the zones and below ``ceiling`` (m)."""
     key = (id(volume), pose, tuple((zone.pose, zone.size) for zone in zones), ceiling)  # numbers are hashed fast
-    known = _shares.get(key)  # most objects lie where they lay when the score was last asked for
+    known = _shares.get(key)  # most objects have not moved since the last score
     if known is None:
         if len(_shares) >= _REMEMBERED:
             _shares.clear()
-        known = _shares[key] = (volume, _compute_share_in_zones(volume, pose, zones, ceiling))
+        points = transforms.transform_points(pose, volume.points)
+        inside = np.zeros(points.shape[1], dtype=bool)
+        for zone in zones:
+            local = transforms.transform_points(transforms.invert_pose(zone.pose), points)
+            inside |= (np.abs(local[0]) <= zone.size[0] / 2) & (np.abs(local[1]) <= zone.size[1] / 2)
+        share = min(1.0, round(float(volume.weights[inside & (points[2] < ceiling)].sum()), 9))
+        known = _shares[key] = (volume, share)
     return known[1]
-
-
-def _compute_share_in_zones(volume: Volume, pose: Pose, zones: Sequence[Zone], ceiling: float) -> float:
-    points = transforms.transform_points(pose, volume.points)
-    inside = np.zeros(points.shape[1], dtype=bool)
-    for zone in zones:
-        local = transforms.transform_points(transforms.invert_pose(zone.pose), points)
-        inside |= (np.abs(local[0]) <= zone.size[0] / 2) & (np.abs(local[1]) <= zone.size[1] / 2)
-    return min(1.0, round(float(volume.weights[inside & (points[2] < ceiling)].sum()), 9))
 
 
 @dataclass(frozen=True)
 class _Solid:
-    """One collider: the half-spaces (K, 4) of a mesh, the box around it (3,) twice, and its volume, own frame."""
+    """A collider in its own frame: bounding box (3,), (3,), half-spaces (K, 4) of a mesh, and volume ``size``."""
 
     shape: Shape
     low: FloatArray
@@ -140,7 +137,7 @@ class _Solid:
         return _Solid(shape, low, high, faces, max(whole * share, 1e-12))
 
     def sample_points_inside(self, cell: float) -> FloatArray:
-        """Points (3, N) of a grid of about ``cell`` metres that lie in the solid, object frame."""
+        """Points (3, N) of a grid of about ``cell`` metres inside the solid, object frame."""
         counts = np.maximum(1, np.round((self.high - self.low) / cell))
         if self.shape.kind != "box":
             counts = np.maximum(counts, _ROUND)
@@ -150,10 +147,11 @@ class _Solid:
         return transforms.transform_points((self.shape.position, self.shape.quaternion), kept)
 
     def contains_points_in_object_frame(self, points: FloatArray) -> npt.NDArray[np.bool_]:
-        """Which of points (3, N), object frame, lie in the solid, (N,)."""
-        own = transforms.transform_points(transforms.invert_pose((self.shape.position, self.shape.quaternion)), points)
-        near = np.asarray(((own >= self.low[:, None]) & (own <= self.high[:, None])).all(axis=0), np.bool_)
-        near[near] = self._contains_points(own[:, near])
+        """Mask (N,) of the points (3, N), object frame, inside the solid."""
+        to_shape = transforms.invert_pose((self.shape.position, self.shape.quaternion))
+        local = transforms.transform_points(to_shape, points)
+        near = np.asarray(((local >= self.low[:, None]) & (local <= self.high[:, None])).all(axis=0), np.bool_)
+        near[near] = self._contains_points(local[:, near])
         return near
 
     def _contains_points(self, grid: FloatArray) -> npt.NDArray[np.bool_]:
@@ -165,7 +163,7 @@ class _Solid:
 
 
 def _grid_cell_centers(low: FloatArray, high: FloatArray, counts: FloatArray) -> FloatArray:
-    """The centres (3, N) of equal cells of a box."""
+    """Centres (3, N) of the equal cells of a box."""
     axes = [
         a + (np.arange(int(count)) + 0.5) * (b - a) / int(count) for a, b, count in zip(low, high, counts, strict=True)
     ]

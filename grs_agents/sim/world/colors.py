@@ -1,4 +1,4 @@
-"""Colours as programs write them."""
+"""Colours by name and as numbers."""
 
 import math
 from collections.abc import Sequence
@@ -7,8 +7,10 @@ from grs_agents.sim.instance.episode import SimulationError
 
 
 def color_to_rgba(color: str | Sequence[float], what: str = "") -> tuple[float, float, float, float]:
-    """Red, green, blue, alpha, 0..1, of a name or three or four numbers; others are a ``SimulationError``, which begins
-    with ``what``."""
+    """Red, green, blue, alpha, 0..1, from a name or three or four numbers.
+
+    Raises ``SimulationError`` for anything else; its message begins with ``what``.
+    """
     if isinstance(color, str):
         if color not in COLORS:
             raise SimulationError(f"{what}colour {color!r} is unknown", f"use one of {', '.join(sorted(COLORS))}")

@@ -1,4 +1,4 @@
-"""A world's spec is compiled, once for all poses of its objects, and indexed by their ids."""
+"""Compiled worlds: a spec becomes a MuJoCo model, once for all poses of its objects, indexed by their ids."""
 
 import copy
 from collections.abc import Mapping, Sequence
@@ -28,7 +28,7 @@ from grs_agents.sim.world.spec import (
 
 @dataclass(frozen=True)
 class World:
-    """A compiled model, its state, and where the objects are in it."""
+    """A compiled model, its state, and the indices of the objects in it."""
 
     model: Any  # ``mujoco.MjModel``
     data: Any  # its one ``mujoco.MjData``
@@ -36,15 +36,16 @@ class World:
     welds: dict[int, int]  # id of a rigid object to the id of its suction weld
     addresses: dict[int, int]  # id of a rigid object to the start of its 7 positions in ``qpos``
     owners: tuple[int, ...]  # geom id to object id, -1 for the table and the robot
-    cup_geom: int  # of the suction cup, or of the spatula in its place
+    cup_geom: int  # of the suction cup, or of the spatula that replaces it
     cup_body: int
     tip_site: int
     arm: Arm  # its joints are the first positions, speeds and controls
-    # ids of what a point ties to another, as ropes: it gives way to the cup, and hangs freely
+    # ids of objects in point ties, as in ropes: they hang freely from the cup
     limp: frozenset[int] = frozenset()
-    joined: Mapping[int, frozenset[int]] = field(default_factory=dict[int, frozenset[int]])  # ids of rigid compounds
-    beads: frozenset[int] = frozenset()  # those of them that are so small that the cup always seals
-    small: frozenset[int] = frozenset()  # ids of what has no face on which the cup's lip finds room
+    # for each rigidly tied object the ids of its compound
+    joined: Mapping[int, frozenset[int]] = field(default_factory=dict[int, frozenset[int]])
+    beads: frozenset[int] = frozenset()  # limp objects so small that the cup always seals
+    small: frozenset[int] = frozenset()  # ids of objects without a face large enough for the cup's lip
 
     @cached_property
     def owner_of_geom(self) -> npt.NDArray[np.int_]:
@@ -52,7 +53,7 @@ class World:
         return np.asarray(self.owners)
 
     def nozzle_for_object(self, number: int) -> Nozzle:
-        """The nozzle with which an object is picked."""
+        """The nozzle that picks an object."""
         return NARROW if number in self.small else CUP
 
 
@@ -66,33 +67,31 @@ def build_world(
     arm: Arm | None = None,
     background: str | None = None,
 ) -> World:
-    """Compile a world. It does not depend on where the objects stand: ``reset_world_to_poses`` sets that.
+    """Compile a world, independent of the objects' poses: ``reset_world_to_poses`` sets them.
 
-    Arguments and errors as ``objects_to_spec``; ``SimulationError`` also for a scene that MuJoCo takes for impossible.
+    Arguments and errors as ``objects_to_spec``; ``SimulationError`` also for a scene that MuJoCo refuses.
     """
     return compile_world(objects_to_spec(objects, library, timestep, visuals, ties, tool, arm, background))
 
 
-def _group_rigidly_tied_objects(ties: Sequence[InstanceTie]) -> dict[int, frozenset[int]]:
-    """For each object that a tie fixes to another all objects that move as one with it, itself among them."""
-    groups: dict[int, frozenset[int]] = {}
-    for tie in ties:
-        if tie.kind == "fixed":
-            whole = groups.get(tie.parent, frozenset({tie.parent})) | groups.get(tie.child, frozenset({tie.child}))
-            groups |= dict.fromkeys(whole, whole)
-    return groups
-
-
 def compile_world(made: WorldSpec) -> World:
-    """The compiled world with the places of everything in it; errors as ``build_world``.
+    """Compile a spec and index it; errors as ``build_world``.
 
-    Its arm is told how fast the joint positions that it is to keep change: they are ``data.act``, and a command of
-    several time steps leads through them evenly. One that jumped from step to step would shake off what is held.
+    The actuators integrate speed commands into joint targets (``data.act``), so that a command of several time steps
+    moves the targets evenly. Targets that jumped from step to step would shake off a held object.
     """
     for actuator in made.spec.actuators:
         actuator.dyntype, actuator.actearly = mujoco.mjtDyn.mjDYN_INTEGRATOR, True
-    model, models, ties = _compile_spec(made.spec), made.models, made.ties
-    limp = find_object_ids_in_point_ties(ties)
+    try:
+        model: Any = made.spec.compile()
+    except ValueError as error:
+        raise SimulationError(f"MuJoCo refuses the scene: {str(error)[:150]}", "change the object it names") from error
+    models, limp = made.models, find_object_ids_in_point_ties(made.ties)
+    joined: dict[int, frozenset[int]] = {}
+    for tie in made.ties:
+        if tie.kind == "fixed":
+            whole = joined.get(tie.parent, frozenset({tie.parent})) | joined.get(tie.child, frozenset({tie.child}))
+            joined |= dict.fromkeys(whole, whole)
     bodies = {number: int(model.body(f"object_{number}").id) for number in models}
     owner_of = {body: number for number, body in bodies.items()}
     return World(
@@ -107,28 +106,21 @@ def compile_world(made: WorldSpec) -> World:
         tip_site=int(model.site("tip").id),
         arm=made.arm,
         limp=limp,
-        joined=_group_rigidly_tied_objects(ties),
+        joined=joined,
         beads=frozenset(number for number in limp if max(models[number].size) <= LARGEST_BEAD),
         small=frozenset(number for number in set(made.graspable) - limp if CUP.is_wider_than(models[number].size)),
     )
 
 
 def copy_world(built: World) -> World:
-    """A world of its own, as it was compiled."""
+    """A copy of a compiled world with a state of its own."""
     model = copy.copy(built.model)
     return replace(built, model=model, data=mujoco.MjData(model))
 
 
-def _compile_spec(spec: Any) -> Any:
-    try:
-        return spec.compile()
-    except ValueError as error:
-        raise SimulationError(f"MuJoCo refuses the scene: {str(error)[:150]}", "change the object it names") from error
-
-
 def reset_world_to_poses(built: World, objects: Sequence[InstanceObject]) -> None:
-    """Set a world back to its beginning, with the objects it was built from at their poses, at rest."""
-    # What cannot move is placed first: a state works out once, when it begins, where such bodies are.
+    """Reset a world with the objects it was built from at their poses, at rest."""
+    # Fixed bodies are placed first: MuJoCo computes their poses once, when a state begins.
     for item in objects:
         if item.id not in built.addresses:
             (position, (x, y, z, w)), body = item.pose, built.bodies[item.id]
@@ -141,11 +133,13 @@ def reset_world_to_poses(built: World, objects: Sequence[InstanceObject]) -> Non
 
 
 def compute_arm_spheres_at_home(robot: str, library: Library) -> npt.NDArray[np.float64]:
-    """(N, 4) spheres, centre and radius (m, robot frame), around each part of an arm at its home position.
-    Raises ``InputError`` where the arm's file cannot be read or holds no arm."""
+    """Spheres (N, 4) around each part of an arm at its home position: centre and radius, metres, robot frame.
+
+    Raises ``InputError`` for a file that cannot be read or holds no arm.
+    """
     arm = get_arm(robot)
     built = build_world((), library, arm=arm)
     built.data.qpos[: arm.dof] = arm.home_joints
     mujoco.mj_forward(built.model, built.data)
-    mine = built.model.geom_bodyid > 0
-    return np.column_stack([built.data.geom_xpos[mine], built.model.geom_rbound[mine]])
+    arm_geoms = built.model.geom_bodyid > 0
+    return np.column_stack([built.data.geom_xpos[arm_geoms], built.model.geom_rbound[arm_geoms]])

@@ -1,4 +1,4 @@
-"""The arm's way where nothing touches anything: it and what it holds are set along the path, without dynamics."""
+"""Kinematic motion where nothing is in contact: arm and held object are set along a path, without dynamics."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,29 +15,29 @@ from grs_agents.sim.world.joint_way import JointWay
 from grs_agents.sim.world.suction import GRAVITY, Cup
 
 _FARTHEST: Final = 0.016
-"""Metres that the tip moves between two looks for contact: about half of what a way keeps clear of things."""
+"""Farthest that the tip moves between two contact checks, metres: about half the clearance of a path."""
 _PER_RADIAN: Final = 0.25
-"""Metres that a radian of turning counts as."""
+"""Metres of tip motion that a radian of rotation counts as."""
 _OFTEN, _SELDOM = 8, 32
-"""Time steps between two looks at most: of who feels the way, and else."""
+"""Most time steps between two contact checks: on a leg that feels its way, and elsewhere."""
 _SHORTEST: Final = 6
-"""Way points: for less of a way it does not pay."""
+"""Fewest way points for which kinematic motion pays."""
 
 
 @dataclass(frozen=True)
 class _TipPath:
-    """Where the tip and what hangs from it come to at the way points of a path."""
+    """Poses of the tip at the way points of a path."""
 
     joints: FloatArray  # (K, dof)
     tips: FloatArray  # (K, 3), metres
-    tools: FloatArray  # (K, 3, 3), rotations from the tool straight down
+    tools: FloatArray  # (K, 3, 3), rotations from the tool pointing straight down
 
 
 class ContactFreeMotion:
-    """Sets an arm, and what its cup holds, along paths.
+    """Sets an arm, and the object in its cup, along paths.
 
-    A position-controlled arm keeps to its path as long as its joints' torques allow, and an object to the cup as long
-    as suction does: both are checked for the whole way before. It ends where anything comes into contact.
+    A position-controlled arm keeps to its path within its torque limits, and the cup keeps an object within its
+    suction limits; both are checked for the whole path first. Motion ends where anything comes into contact.
     """
 
     def __init__(self, world: World, data: Any, cup: Cup) -> None:
@@ -48,7 +48,7 @@ class ContactFreeMotion:
         self._torques: FloatArray = np.where(limited, self._model.actuator_forcerange[: self._dof, 1], np.inf)
 
     def can_begin(self) -> bool:
-        """Whether nothing touches anything, and nothing but the arm and what it holds is awake."""
+        """Whether nothing is in contact, and nothing but the arm and the object it holds is awake."""
         held = self._cup.held
         if self._data.ncon or held in self._world.limp or held in self._world.joined:
             return False
@@ -62,23 +62,37 @@ class ContactFreeMotion:
         feeling: bool = False,
         watched: bool = False,
     ) -> int:
-        """Go along a way. ``pass_time(steps)`` is called after each part of it, for who watches 30 times a second. One
-        who is ``feeling`` the last leg of the way expects contact there.
+        """Follow a path.
 
-        Returns how many time steps of it were gone: all, or fewer where something would be touched next; none where
-        the dynamics have to say what comes of it.
+        Args:
+            way: the path.
+            pass_time: called with the time steps of each part that was followed.
+            feeling: contact is expected on the last leg.
+            watched: stop at every second way point, for an observer at 30 Hz.
+
+        Returns:
+            Time steps followed: all, fewer where contact comes next, 0 where the dynamics must decide.
         """
         if len(way.joints) < _SHORTEST or (np.abs(way.torques) > self._torques).any():
             return 0
         path = _TipPath(way.joints, *self._world.arm.tip_poses(way.joints))
-        if self._cup.held is not None and self._would_let_go(self._cup.held, path, way.seconds):
+        if self._cup.held is not None and self._is_cup_overloaded(self._cup.held, path, way.seconds):
             return 0
         before, place, last = np.array(self._data.qpos), self._make_placer(path), 0
         slow = way.last_leg if feeling else len(path.tips)
-        for look in _choose_looks(path, slow):
-            free = self._last_free_index(place, look, last, slow)
-            if watched:
-                self._show_between(last, free, way.speeds, place, pass_time)
+        for look in _choose_checked_waypoints(path, slow):
+            free = last  # at full speed the arm needs the way before a contact to meet it under the dynamics
+            for index in (look, *range(look - 1, max(last, slow), -1)):
+                place(index)
+                if not self._data.ncon:
+                    free = index
+                    break
+            if watched and free > last:
+                for index in [*range(last + 2, free, 2), free]:
+                    place(index)
+                    self._data.qvel[: self._dof] = way.speeds[index]
+                    pass_time(WAYPOINT_STEPS * (index - last))
+                    last = index
             last = free
             if free < look:
                 break
@@ -95,32 +109,8 @@ class ContactFreeMotion:
             mujoco.mj_forward(self._model, self._data)
         return steps
 
-    def _last_free_index(self, place: Callable[[int], None], look: int, last: int, slow: int) -> int:
-        """Up to which way point nothing touches: ``look``, or else the ``last`` that was looked at, or one between them
-        where the arm is ``slow`` from. At full speed it needs the rest of the way to come to bear."""
-        for index in (look, *range(look - 1, max(last, slow), -1)):
-            place(index)
-            if not self._data.ncon:
-                return index
-        return last
-
-    def _show_between(
-        self,
-        last: int,
-        end: int,
-        speeds: FloatArray,
-        place: Callable[[int], None],
-        pass_time: Callable[[int], None],
-    ) -> None:
-        """Pass through every second way point after the ``last`` one up to ``end``, for who watches."""
-        for index in [*range(last + 2, end, 2), end] if end > last else ():
-            place(index)
-            self._data.qvel[: self._dof] = speeds[index]
-            pass_time(WAYPOINT_STEPS * (index - last))
-            last = index
-
-    def _would_let_go(self, number: int, way: _TipPath, step: float) -> bool:
-        """Whether weight and inertia of what is held are more than the cup bears, somewhere on the way."""
+    def _is_cup_overloaded(self, number: int, way: _TipPath, step: float) -> bool:
+        """Whether weight and inertia of the held object exceed the cup's limits anywhere on the path."""
         body, data = self._world.bodies[number], self._data
         tip, tool = self._current_tip()
         mass = float(self._model.body_mass[body])
@@ -138,12 +128,12 @@ class ContactFreeMotion:
         return bool(loads.max() > nozzle.holding_force**2 or moments.max() > nozzle.peeling_moment**2)
 
     def _current_tip(self) -> tuple[FloatArray, FloatArray]:
-        """The tip's position (3,), and the tool's rotation (3, 3) from straight down."""
+        """Position (3,) of the tip, and rotation (3, 3) of the tool from straight down."""
         site, data = self._world.tip_site, self._data
         return np.array(data.site_xpos[site]), np.asarray(data.site_xmat[site]).reshape(3, 3) @ DOWN
 
     def _make_placer(self, way: _TipPath) -> Callable[[int], None]:
-        """Sets the arm and what it holds where they are at a row of the way, and finds what touches there."""
+        """Function that sets the arm and the held object to a way point, and finds the contacts there."""
         model, data, held = self._model, self._data, self._cup.held
         arm, joints = data.qpos[: self._dof], way.joints
         if held is None:
@@ -171,8 +161,7 @@ class ContactFreeMotion:
         return place_arm_and_object
 
     def _take_up_speed(self, joints: FloatArray, speeds: FloatArray | None) -> None:
-        """Let the dynamics go on from here, the joints moving at ``speeds`` (dof,) and what is held with them; at rest
-        with none, as where a way ends."""
+        """Hand over to the dynamics, the joints and the held object moving at ``speeds`` (dof,); None for at rest."""
         model, data, held = self._model, self._data, self._cup.held
         data.qvel[:] = 0.0
         data.qacc_warmstart[:] = 0.0
@@ -192,9 +181,11 @@ class ContactFreeMotion:
         mujoco.mj_forward(model, data)
 
 
-def _choose_looks(way: _TipPath, feeling: int) -> list[int]:
-    """At which of its way points to look for contact: the last one, as many as a look's greatest distance asks for, and
-    none more than ``_SELDOM`` time steps from the one before, ``_OFTEN`` from the way point ``feeling`` on."""
+def _choose_checked_waypoints(way: _TipPath, feeling: int) -> list[int]:
+    """Way points to check for contact: the last, and as many as the greatest distance between two checks demands.
+
+    Checks are at most ``_SELDOM`` time steps apart, ``_OFTEN`` from the way point ``feeling`` on.
+    """
     moved, tools = way.tips[1:] - way.tips[:-1], way.tools.reshape(-1, 9)
     turned = tools[1:] - tools[:-1]
     parts: FloatArray = np.sqrt(np.einsum("ni,ni->n", moved, moved))

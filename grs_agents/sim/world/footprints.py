@@ -1,4 +1,4 @@
-"""Exact outlines of objects seen from above: upright prisms around each collider, and how far apart they are."""
+"""Footprints: exact outlines of objects seen from above, as upright prisms around colliders, and their distances."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -17,13 +17,13 @@ Rest = ParamSpec("Rest")
 _CIRCLE = 12
 _REMEMBERED = 512
 _ENDLESS = 10.0
-"""A height that no arm on a table reaches, metres."""
+"""Height beyond any arm on a table, metres."""
 
 
 def cached_per_model(
     function: Callable[Concatenate[ObjectModel, Rest], Value],
 ) -> Callable[Concatenate[ObjectModel, Rest], Value]:
-    """Remember what a function made of each of the last few hundred models (by identity: they never change)."""
+    """Cache a function's results for the last few hundred models, by identity: models never change."""
     known: dict[int, tuple[ObjectModel, Value]] = {}
 
     def compute_or_recall(model: ObjectModel, *rest: Rest.args, **more: Rest.kwargs) -> Value:
@@ -54,14 +54,14 @@ class Prism:
 
     @cached_property
     def edge_ranges(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Outward normals (K, 2) of its edges, and how far (K,) it reaches along each, from and to, metres."""
+        """Outward normals (K, 2) of the edges, and the prism's extent along each, from (K,) and to (K,), metres."""
         normals = _outward_edge_normals(self.outline)
         along = self.outline @ normals.T
         return normals, along.min(axis=0), along.max(axis=0)
 
     @cached_property
     def without_top(self) -> "Prism":
-        """The same prism rising without end: things can stand beside it, and not on it."""
+        """The same prism without an upper end: objects can stand beside it, not on it."""
         return replace(self, high=_ENDLESS)
 
 
@@ -113,7 +113,7 @@ def _collider_hull_points(model: ObjectModel) -> tuple[FloatArray, ...]:
 
 @cached_per_model
 def _rotating_collider_points(model: ObjectModel) -> list[tuple[FloatArray, float]]:
-    """For each collider the points (3, N) of it that turn with the object, and how far it reaches from them anyhow."""
+    """For each collider its points (3, N) that rotate with the object, and the offset below them in any rotation."""
     parts: list[tuple[FloatArray, float]] = []
     for shape, local in zip(model.colliders, _collider_hull_points(model), strict=True):
         center = np.asarray(shape.position)[:, None]
@@ -123,12 +123,12 @@ def _rotating_collider_points(model: ObjectModel) -> list[tuple[FloatArray, floa
 
 @cached_per_model
 def _lowest_point_when_upright(model: ObjectModel) -> float:
-    """The height of the lowest point of an object's colliders above its origin, whichever way it is turned upright."""
+    """Height of the lowest point of an upright object's colliders above its origin, whatever its yaw."""
     return min((float(points[2].min()) + drop for points, drop in _rotating_collider_points(model)), default=0.0)
 
 
 def _collider_points_at_pose(model: ObjectModel, pose: Pose) -> list[FloatArray]:
-    """Points (3, N) whose convex hull holds a collider, for each of an object at ``pose``; a ball's never turn."""
+    """For each collider of an object at ``pose`` points (3, N) whose hull holds it; a ball's never rotate."""
     clouds: list[FloatArray] = []
     for shape, local in zip(model.colliders, _collider_hull_points(model), strict=True):
         if shape.kind == "sphere":
@@ -140,9 +140,9 @@ def _collider_points_at_pose(model: ObjectModel, pose: Pose) -> list[FloatArray]
 
 
 def collider_prisms_at_pose(model: ObjectModel, pose: Pose, owner: int = -1) -> list[Prism]:
-    """One prism for each collider of an object at ``pose``."""
+    """A prism for each collider of an object at ``pose``."""
     clouds = _collider_points_at_pose(model, pose)
-    return [Prism(convex_hull(one[:2].T), float(one[2].min()), float(one[2].max()), owner) for one in clouds]
+    return [Prism(convex_hull(cloud[:2].T), float(cloud[2].min()), float(cloud[2].max()), owner) for cloud in clouds]
 
 
 def lowest_height_at_pose(model: ObjectModel, pose: Pose) -> float:
@@ -150,13 +150,15 @@ def lowest_height_at_pose(model: ObjectModel, pose: Pose) -> float:
     x, y, z, w = transforms.to_unit_quaternion(pose[1])
     if x == y == 0:
         return pose[0][2] + _lowest_point_when_upright(model)
-    upward = np.array([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])  # what turns into height
+    upward = np.array(
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]
+    )  # third row of the rotation matrix
     heights = (float((upward @ points).min()) + drop for points, drop in _rotating_collider_points(model))
     return pose[0][2] + min(heights, default=0.0)
 
 
 def object_prism_at_pose(model: ObjectModel, pose: Pose, owner: int = -1) -> Prism:
-    """One prism around the whole object at ``pose``; a mark without colliders is a flat one."""
+    """Prism around the whole object at ``pose``; flat for a mark without colliders."""
     if model.colliders:
         points = np.hstack(_collider_points_at_pose(model, pose))
     else:
@@ -167,29 +169,28 @@ def object_prism_at_pose(model: ObjectModel, pose: Pose, owner: int = -1) -> Pri
 
 @cached_per_model
 def _get_prism_cache(model: ObjectModel) -> dict[tuple[Pose, int], tuple[list[Prism], Prism]]:
-    """Those of an object by its pose and owner: each reset of an environment puts most objects where they were."""
+    """Cache of an object's prisms by pose and owner: each reset puts most objects back where they were."""
     del model
     return {}
 
 
 def find_prisms_at_pose(model: ObjectModel, pose: Pose, owner: int) -> tuple[list[Prism], Prism]:
-    """The prisms of an object's colliders, and the one around the whole of it; remembered."""
+    """Prisms of an object's colliders, and the prism around the whole object; cached."""
     known = _get_prism_cache(model)
     prisms = known.get((pose, owner))
     if prisms is None:
         if len(known) >= _REMEMBERED:
             known.clear()
         parts = collider_prisms_at_pose(model, pose, owner)
-        prisms = known[pose, owner] = parts, _prism_around_parts(parts) or object_prism_at_pose(model, pose, owner)
+        if not parts:
+            whole = object_prism_at_pose(model, pose, owner)
+        elif len(parts) == 1:
+            whole = parts[0]
+        else:
+            outline = convex_hull(np.concatenate([part.outline for part in parts]))
+            whole = Prism(outline, min(part.low for part in parts), max(part.high for part in parts), owner)
+        prisms = known[pose, owner] = parts, whole
     return prisms
-
-
-def _prism_around_parts(parts: Sequence[Prism]) -> Prism | None:
-    """One prism around several of an object; None for none."""
-    if len(parts) < 2:
-        return parts[0] if parts else None
-    outline = convex_hull(np.concatenate([part.outline for part in parts]))
-    return Prism(outline, min(part.low for part in parts), max(part.high for part in parts), parts[0].owner)
 
 
 def rectangle_outline(center: tuple[float, float], size: tuple[float, float], yaw: float) -> FloatArray:
@@ -212,18 +213,18 @@ def _outward_edge_normals(outline: FloatArray) -> FloatArray:
 
 
 def signed_outline_gaps(moving: FloatArray, still: FloatArray, offsets: FloatArray) -> FloatArray:
-    """Gaps (N,) of two convex outlines, ``moving`` at each of ``offsets`` (N, 2); negative where they overlap."""
+    """Gaps (N,) between two convex outlines, ``moving`` shifted by ``offsets`` (N, 2); negative for overlap."""
     if len(moving) < 3 or len(still) < 3:
         return np.full(len(offsets), np.inf)
     axes = np.concatenate([_outward_edge_normals(moving), _outward_edge_normals(still)])
-    own, other, shift = moving @ axes.T, still @ axes.T, offsets @ axes.T
-    before = other.min(axis=0) - (own.max(axis=0) + shift)
-    after = own.min(axis=0) + shift - other.max(axis=0)
+    moved, fixed, shift = moving @ axes.T, still @ axes.T, offsets @ axes.T
+    before = fixed.min(axis=0) - (moved.max(axis=0) + shift)
+    after = moved.min(axis=0) + shift - fixed.max(axis=0)
     return np.maximum(before, after).max(axis=1)
 
 
 def least_outline_gaps(moving: FloatArray, others: Sequence[Prism], offsets: FloatArray) -> FloatArray:
-    """The least (N,) of the gaps that ``signed_outline_gaps`` tells for each of the others; infinite for none."""
+    """Least (N,) of the ``signed_outline_gaps`` to each of the other prisms; infinite without any."""
     solid = [other for other in others if len(other.outline) >= 3]
     if len(moving) < 3 or not solid or not len(offsets):
         return np.full(len(offsets), np.inf)
@@ -243,7 +244,7 @@ def least_outline_gaps(moving: FloatArray, others: Sequence[Prism], offsets: Flo
 
 
 def margins_inside_outline(moving: FloatArray, around: FloatArray, offsets: FloatArray) -> FloatArray:
-    """How far (N,) an outline shifted by ``offsets`` stays inside a convex outline; negative: it sticks out."""
+    """Margins (N,) of an outline shifted by ``offsets`` inside a convex outline; negative if it sticks out."""
     axes = _outward_edge_normals(around)
     limit = (around * axes).sum(axis=1)
     margins = limit[:, None] - ((moving @ axes.T).max(axis=0)[:, None] + _project_onto_axes(offsets, axes))
@@ -251,14 +252,14 @@ def margins_inside_outline(moving: FloatArray, around: FloatArray, offsets: Floa
 
 
 def rest_heights_at_offsets(body: Prism, obstacles: Iterable[Prism], offsets: FloatArray, gap: float) -> FloatArray:
-    """The height (N,) at which a body lowered at each offset would come to rest; 0 is the table top."""
+    """Heights (N,) at which a body lowered at each offset comes to rest; 0 is the table top."""
     return rest_heights_for_gaps(body, obstacles, offsets, (gap,))[0]
 
 
 def rest_heights_for_gaps(
     body: Prism, obstacles: Iterable[Prism], offsets: FloatArray, gaps: Sequence[float]
 ) -> FloatArray:
-    """The same (G, N) for each of the gaps from which on an obstacle beside the body carries it."""
+    """``rest_heights_at_offsets`` for several gaps, (G, N): an obstacle nearer than the gap carries the body."""
     heights = np.zeros((len(gaps), len(offsets)))
     if not len(offsets) or len(body.outline) < 3:
         return heights
@@ -283,30 +284,32 @@ def rest_heights_for_gaps(
 
 
 def _project_onto_axes(points: FloatArray, axes: FloatArray) -> FloatArray:
-    """How far points (N, 2) lie along axes (K, 2), as (K, N): numpy reduces along rows that are long."""
+    """Projections (K, N) of points (N, 2) onto axes (K, 2), contiguous: numpy reduces long rows fastest."""
     return np.ascontiguousarray((points @ axes.T).T)
 
 
 def _largest_gap(before: FloatArray, after: FloatArray, moved: FloatArray) -> FloatArray:
-    """The largest (N,) of the gaps along axes (K,), before and after what is moved along them by (K, N)."""
+    """Largest (N,) of the gaps along axes (K,), before and after a body moved along them by (K, N)."""
     return np.asarray(np.maximum.reduce(_gaps_along_axes(before, after, moved), axis=0))
 
 
 def _gaps_along_axes(before: FloatArray, after: FloatArray, moved: FloatArray) -> FloatArray:
-    """The gaps (K, N) along axes (K,), before or after what is moved along them by (K, N)."""
+    """Gaps (K, N) along axes (K,), before or after a body moved along them by (K, N)."""
     gaps = before[:, None] - moved
     return np.maximum(gaps, after[:, None] + moved, out=gaps)
 
 
 def rest_height_of_prisms(body: Sequence[Prism], obstacles: Sequence[Prism], offset: FloatArray, gap: float) -> float:
-    """The height at which the underside of a body of several prisms comes to rest, lowered at one offset (1, 2).
-    Unlike one prism around it, the body goes into what its outline alone does not fit into: an L into an L."""
+    """Height at which the underside of a body of several prisms comes to rest, lowered at an offset (1, 2).
+
+    Unlike a single prism around it, the body fits into cavities of its shape: an L into an L.
+    """
     low = min(prism.low for prism in body)
     return max(float(rest_heights_at_offsets(prism, obstacles, offset, gap)[0]) - (prism.low - low) for prism in body)
 
 
 def find_nearby_prisms(prism: Prism, others: Iterable[Prism], offset: Sequence[float], reach: float) -> list[Prism]:
-    """Those of the others that may be within ``reach`` (m) of a prism shifted by an offset (2,), seen from above."""
+    """Prisms that may be within ``reach`` (m) of a prism shifted by an offset (2,), seen from above."""
     (x0, y0, x1, y1), (dx, dy) = prism.bounding_box_xy, offset
     x0, y0, x1, y1 = x0 + dx - reach, y0 + dy - reach, x1 + dx + reach, y1 + dy + reach
     boxes = ((other, other.bounding_box_xy) for other in others)
@@ -314,7 +317,7 @@ def find_nearby_prisms(prism: Prism, others: Iterable[Prism], offset: Sequence[f
 
 
 def nearest_point_of_outline(outline: FloatArray, point: FloatArray) -> FloatArray:
-    """The point (2,) of a convex outline, or inside it, that is nearest to ``point`` (2,)."""
+    """Point (2,) of a convex outline, or inside it, nearest to ``point`` (2,)."""
     edges = np.roll(outline, -1, axis=0) - outline
     length = np.maximum((edges**2).sum(axis=1), 1e-12)
     share = np.clip(((point - outline) * edges).sum(axis=1) / length, 0.0, 1.0)
@@ -325,7 +328,7 @@ def nearest_point_of_outline(outline: FloatArray, point: FloatArray) -> FloatArr
 
 
 def intersect_outlines(first: FloatArray, second: FloatArray) -> FloatArray:
-    """What two convex outlines have in common, as an outline (K, 2); empty where they are apart."""
+    """Intersection of two convex outlines, an outline (K, 2); empty if they are apart (Sutherland-Hodgman clipping)."""
     kept = first
     for start, normal in zip(second, _outward_edge_normals(second), strict=True):
         if not len(kept):
@@ -340,14 +343,14 @@ def intersect_outlines(first: FloatArray, second: FloatArray) -> FloatArray:
 
 
 def distance_between_outlines(first: FloatArray, second: FloatArray) -> float:
-    """The distance between two convex outlines, metres; 0 where they overlap."""
+    """Distance between two convex outlines, metres; 0 if they overlap."""
     if signed_outline_gaps(first, second, np.zeros((1, 2)))[0] <= 0:
         return 0.0
     return min(_min_distance_to_edges(first, second), _min_distance_to_edges(second, first))
 
 
 def _min_distance_to_edges(points: FloatArray, outline: FloatArray) -> float:
-    """The least distance from any of the points (N, 2) to any edge of an outline."""
+    """Least distance from any of the points (N, 2) to any edge of an outline."""
     edges = np.roll(outline, -1, axis=0) - outline
     length = np.maximum((edges**2).sum(axis=1), 1e-12)
     offset = points[:, None] - outline[None]

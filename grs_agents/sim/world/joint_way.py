@@ -1,4 +1,4 @@
-"""A way of the arm: way points in even times, and the commands that lead through them."""
+"""Timed joint paths: way points at equal time intervals, and the commands that make the arm follow them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,35 +12,36 @@ from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.joint_paths import WAYPOINT_STEPS
 
 _TOP_SPEED = 0.95
-"""How much of its joints' speeds the arm is told to use, since it swings a little beyond."""
+"""Share of its joints' speed limits that the arm uses, since it overshoots a little."""
 
 
 @dataclass(frozen=True)
 class JointWay:
-    """Joint positions (K, dof), each ``WAYPOINT_STEPS`` time steps after the one before; the first is where the arm is.
-    It rests where one leg ends and the next begins."""
+    """Joint positions (K, dof), ``WAYPOINT_STEPS`` time steps apart, from the present ones; at rest between legs."""
 
     joints: FloatArray
     speeds: FloatArray  # (K, dof), of the joints, rad or m a second
-    torques: FloatArray  # (K, dof), what they cost
+    torques: FloatArray  # (K, dof), for the accelerations
     seconds: float  # between two way points
-    last_leg: int  # the way point at which it begins
+    last_leg: int  # first way point of the last leg
 
     @property
     def steps(self) -> int:
-        """How many time steps it takes."""
+        """Duration in time steps."""
         return (len(self.joints) - 1) * WAYPOINT_STEPS
 
     def since(self, waypoint: int) -> "JointWay":
-        """What is left of it from a way point on."""
+        """The rest of the path from a way point on."""
         if not waypoint:
             return self
         rest = (self.joints[waypoint:], self.speeds[waypoint:], self.torques[waypoint:])
         return JointWay(*rest, self.seconds, max(0, self.last_leg - waypoint))
 
     def command_at(self, step: int, lead: FloatArray, stiffness: FloatArray) -> FloatArray:
-        """The joint positions (dof,) to command for a time step. Ahead by what damping (``lead``, s) and inertia cost
-        the arm keeps to its path; else it would swing out to the side."""
+        """Joint positions (dof,) to command for a time step.
+
+        They lead the path by the lag of damping (``lead``, s) and inertia, so that the arm keeps to it.
+        """
         row, beyond = divmod(step, WAYPOINT_STEPS)
         if not beyond:
             return self.joints[row] + self.speeds[row] * lead + self.torques[row] / stiffness
@@ -52,8 +53,10 @@ class JointWay:
 
 
 def pace_legs(legs: Sequence[FloatArray], arm: Arm, timestep: float, spacing: int = WAYPOINT_STEPS) -> JointWay:
-    """Legs one after the other, each way points (K, dof) or, with a ``spacing`` of 1, one row a time step (s), as slow
-    as the joints' speeds allow."""
+    """Time legs one after the other, slowed to the joints' speed limits.
+
+    Each leg has way points (K, dof), ``spacing`` time steps apart (1 or ``WAYPOINT_STEPS``).
+    """
     if spacing != WAYPOINT_STEPS:
         legs = [leg[[*range(0, len(leg) - 1, WAYPOINT_STEPS // spacing), -1]] for leg in legs]
     seconds, limits = WAYPOINT_STEPS * timestep, _TOP_SPEED * arm.joint_speed_limits

@@ -1,4 +1,4 @@
-"""Stepping a world: settling, contacts, suction, and arm paths."""
+"""A running world: stepping, settling, contacts, suction and arm paths."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, Final
@@ -20,18 +20,18 @@ from grs_agents.sim.world.joint_way import pace_legs
 from grs_agents.sim.world.suction import Cup, is_supported
 
 _STILL: Final = 0.01
-"""Slower than this is at rest, m/s."""
+"""Speed below which a body is at rest, m/s."""
 _GLANCE, _SURGE = 4, 0.2
-"""Steps that show whether all rests as it was put down, and how much of that speed may be gained in one of them."""
+"""Steps that tell whether a placed scene is at rest, and share of ``_STILL`` that a body may gain in a step."""
 _ARRIVED: Final = 0.002
-"""Radians from the end of a motion at which the next one begins: 1 mm of the tip."""
+"""Joint error at which the next motion begins, radians: 1 mm of the tip."""
 _FREE_STRIDE, _HELD_STRIDE = 8, 2
-"""Time steps that a command of the arm lasts, of a free hand and of one that holds something; each leads evenly to the
-next. With four, a tall carton held 5 mm aside tipped off the cup in 10 of 60."""
+"""Time steps of an arm command, with an empty cup and with a held object; commands are interpolated. With four steps, a
+tall carton held 5 mm off centre tipped off the cup in 10 of 60 trials."""
 _AGAIN: Final = 16
-"""Time steps of the dynamics after which the arm tries once more to go on without them."""
+"""Time steps of dynamics after which kinematic motion is tried again."""
 _GENTLE: Final = 0.15
-"""Fastest a body may be pushed out of another while the scene settles at reset, m/s."""
+"""Largest speed at which overlapping bodies are pushed apart while the scene settles, m/s."""
 _WARNINGS: Final = (
     "a body without inertia",
     "too many contacts",
@@ -41,16 +41,16 @@ _WARNINGS: Final = (
     "accelerations out of bounds",
     "controls out of bounds",
 )
-"""What MuJoCo's warnings mean, in their order."""
+"""Meanings of MuJoCo's warnings, in their order."""
 _CROWD: Final = 24
 _MOST_CONTACTS: Final = 4000
-"""More loose bodies than the first must not have more contacts than the second: 200 grains in a heap have 1500."""
+"""Most contacts of a scene with more than ``_CROWD`` free bodies: 200 grains in a heap have 1500."""
 _SOLID: Final = np.array([1, 0, 0, 1, 0, 0], dtype=np.uint8)
-"""Geom groups that a ray meets: objects' colliders and the table, not the arm."""
+"""Geom groups that rays hit: objects' colliders and the table, not the arm."""
 
 
 class Physics:
-    """One running world; its arm starts at ``joints`` (dof,), None for home."""
+    """A running world; its arm starts at ``joints`` (dof,), None for home."""
 
     def __init__(
         self, world: World, budget: Budget, objects: Sequence[InstanceObject], joints: FloatArray | None = None
@@ -58,8 +58,10 @@ class Physics:
         self.world, self.budget = world, budget
         self.model: Any = world.model
         self.data: Any = world.data
-        self._positions, self._turns = self.data.xpos, self.data.xquat  # of every body, as it is now
-        self._poses: dict[int, tuple[list[float], list[float], Pose]] = {}  # of objects, by what they were made from
+        self._positions, self._turns = self.data.xpos, self.data.xquat  # views, of every body
+        self._poses: dict[
+            int, tuple[list[float], list[float], Pose]
+        ] = {}  # poses of objects, with the state they were made from
         reset_world_to_poses(world, objects)
         self.timestep = float(self.model.opt.timestep)
         self.waypoint_seconds = WAYPOINT_STEPS * self.timestep
@@ -73,12 +75,18 @@ class Physics:
         self._lead: FloatArray = -self.model.actuator_biasprm[: self.dof, 2] / self._stiffness
         self.cup = Cup(world, self.data)
         self._contact_free = ContactFreeMotion(world, self.data, self.cup)
-        self._ray, self._met = np.empty((2, 3)), np.array([-1], dtype=np.int32)  # a look casts many
+        self._ray, self._met = np.empty((2, 3)), np.array([-1], dtype=np.int32)  # buffers: a search casts many rays
         self.observer: Callable[[], None] | None = None
         self.observer_period = 1  # time steps between two calls of the observer
         self._unobserved = 0
         self.diverged_at: float | None = None  # simulated time, seconds
-        self._check_contact_count()
+        if len(world.addresses) > _CROWD:  # many bodies inside each other would take minutes a step
+            mujoco.mj_kinematics(self.model, self.data)
+            mujoco.mj_comPos(self.model, self.data)
+            mujoco.mj_collision(self.model, self.data)
+            if self.data.ncon > _MOST_CONTACTS:
+                found = f"{len(world.addresses)} objects have {self.data.ncon} contacts, {_MOST_CONTACTS} are the most"
+                raise SimulationError(found, "place objects apart from one another")
         mujoco.mj_forward(self.model, self.data)
 
     @property
@@ -88,16 +96,16 @@ class Physics:
 
     @property
     def commanded_joint_positions(self) -> FloatArray:
-        """The joint positions (dof,) that the arm is told to keep."""
+        """Joint positions (dof,) commanded now."""
         return np.array(self._command)
 
     @property
     def tip_position(self) -> Vec3:
-        """Where the suction cup is, metres."""
+        """Position of the tip, metres."""
         return transforms.to_vec3(self.data.site_xpos[self.world.tip_site])
 
     def suction_tip_rotation(self) -> Quat:
-        """How the tool is turned from straight down, xyzw."""
+        """Rotation of the tool from straight down, xyzw."""
         matrix = np.asarray(self.data.site_xmat[self.world.tip_site]).reshape(3, 3) @ DOWN
         rotation = np.empty(4)
         mujoco.mju_mat2Quat(rotation, np.ascontiguousarray(matrix).ravel())
@@ -108,26 +116,17 @@ class Physics:
         body = self.world.bodies[number]
         position, turn = self._positions[body].tolist(), self._turns[body].tolist()
         known = self._poses.get(number)
-        if known is None or known[0] != position or known[1] != turn:  # most things stand where they stood
+        if known is None or known[0] != position or known[1] != turn:  # most objects have not moved
             (x, y, z), (w, i, j, k) = position, turn
             known = (position, turn, ((x, y, z), transforms.to_unit_quaternion((i, j, k, w))))
             self._poses[number] = known
         return known[2]
 
-    def _check_contact_count(self) -> None:
-        """Refuse too many contacts: many bodies one inside another would take minutes a step."""
-        if len(self.world.addresses) <= _CROWD:
-            return
-        mujoco.mj_kinematics(self.model, self.data)
-        mujoco.mj_comPos(self.model, self.data)
-        mujoco.mj_collision(self.model, self.data)
-        if self.data.ncon > _MOST_CONTACTS:
-            found = f"{len(self.world.addresses)} objects have {self.data.ncon} contacts, {_MOST_CONTACTS} are the most"
-            raise SimulationError(found, "place objects apart from one another")
-
     def raise_if_diverged(self) -> None:
-        """Raise ``SimulationError`` if the simulation has diverged, or there were more contacts than fit.
-        MuJoCo itself would start anew from where nothing stood."""
+        """Raise ``SimulationError`` if the simulation has diverged, or had too many contacts.
+
+        MuJoCo itself would reset to the model's initial state and go on.
+        """
         counts = self.data.warning.number
         if counts.any():
             causes = ", ".join(_WARNINGS[index] for index in np.flatnonzero(counts))
@@ -142,38 +141,34 @@ class Physics:
         return saved
 
     def restore_state(self, saved: Any) -> None:
-        """Take up a state that ``save_state`` gave, of the same model."""
+        """Restore a state of ``save_state``, of the same model."""
         mujoco.mj_copyData(self.data, self.model, saved)
 
     def teleport_object(self, number: int, pose: Pose) -> None:
-        """Set a free object down at a pose, at rest."""
+        """Set a free object to a pose, at rest."""
         (position, (x, y, z, w)), start = pose, self.world.addresses[number]
         self.data.qpos[start : start + 7] = (*position, w, x, y, z)
         mujoco.mj_forward(self.model, self.data)
 
     def step(self, count: int = 1) -> None:
-        """Simulate ``count`` time steps; what pulls too hard at the cup meanwhile is let go (``cup.slip``)."""
+        """Simulate ``count`` time steps; an object that overloads the cup is released (``cup.slip``)."""
         self.budget.spend_steps(count)
-        cup, observer = self.cup, self.observer
+        cup, observer, data = self.cup, self.observer, self.data
         while count > 0:
             part = count if cup.held is None else min(count, cup.due)
             if observer is not None:
                 part = min(part, self.observer_period - self._unobserved)
-            self._advance(part)
+            expected = data.time + part * self.timestep
+            mujoco.mj_step(self.model, data, part)
+            if data.time < expected - self.timestep / 2 and self.diverged_at is None:
+                self.diverged_at = expected - data.time  # after divergence MuJoCo begins anew at 0
             self._count_unobserved(part)
             count -= part
             if cup.held is not None:
                 cup.release_if_overloaded(part)
 
-    def _advance(self, count: int) -> None:
-        data = self.data
-        expected = data.time + count * self.timestep
-        mujoco.mj_step(self.model, data, count)
-        if data.time < expected - self.timestep / 2 and self.diverged_at is None:
-            self.diverged_at = expected - data.time  # where it diverges, MuJoCo begins anew at 0
-
     def _count_unobserved(self, steps: int) -> None:
-        """Call the observer when it is due after so many more time steps."""
+        """Count time steps, and call the observer when it is due."""
         if self.observer is not None:
             self._unobserved += steps
             if self._unobserved >= self.observer_period:
@@ -181,34 +176,36 @@ class Physics:
                 self.observer()
 
     def lead_arm(self, joints: FloatArray, count: int, within: int = 0) -> None:
-        """Step ``count`` times while the joint positions that the arm is told to keep go evenly to ``joints`` (dof,),
-        or as far as they come if it has ``within`` time steps for all of the way."""
+        """Step ``count`` times while the commanded joint positions move evenly towards ``joints`` (dof,).
+
+        They arrive after ``within`` time steps, at least ``count``.
+        """
         control = self.data.ctrl[: self.dof]
         control[:] = (joints - self._command) / (max(count, within) * self.timestep)
         self.step(count)
         control[:] = 0.0
 
     def hold_arm(self, joints: FloatArray) -> None:
-        """Tell the arm to keep joint positions (dof,) from now on."""
+        """Command constant joint positions (dof,)."""
         self._command[:] = joints
 
     def object_mass(self, number: int) -> float:
-        """Of an object with what is rigidly tied to it, kg."""
+        """Mass of an object and everything rigidly tied to it, kg."""
         return float(self.model.body_mass[self._bodies_tied_to_object(number)].sum())
 
     def center_of_mass(self, number: int) -> Vec3:
-        """Of an object with what is rigidly tied to it, metres."""
+        """Centre of mass of an object and everything rigidly tied to it, metres."""
         bodies = self._bodies_tied_to_object(number)
-        if len(bodies) == 1:  # which may be fixed, and have no mass
+        if len(bodies) == 1:  # a fixed body may have no mass
             return transforms.to_vec3(self.data.xipos[bodies[0]])
         weights: FloatArray = self.model.body_mass[bodies]
         return transforms.to_vec3(weights @ self.data.xipos[bodies] / weights.sum())
 
     def _bodies_tied_to_object(self, number: int) -> list[int]:
-        return [self.world.bodies[one] for one in self.world.joined.get(number, (number,))]
+        return [self.world.bodies[member] for member in self.world.joined.get(number, (number,))]
 
     def max_free_body_speed(self) -> float:
-        """The fastest free body, m/s (turning counts a radian as 0.1 m)."""
+        """Speed of the fastest free body, m/s (a radian counts as 0.1 m)."""
         return self._max_speed(self.data.qvel[self.dof :])
 
     def _max_speed(self, velocities: FloatArray) -> float:
@@ -219,11 +216,11 @@ class Physics:
 
     @property
     def is_asleep(self) -> bool:
-        """Whether MuJoCo has put every free body to sleep: nothing moves any more by itself."""
+        """Whether MuJoCo has put every free body to sleep: nothing moves by itself any more."""
         return not self.data.tree_awake[self.model.dof_treeid[self.dof :]].any()
 
     def object_speed(self, number: int) -> float:
-        """The speed of one object, m/s (turning counts a radian as 0.1 m); 0 for what cannot move."""
+        """Speed of an object, m/s (a radian counts as 0.1 m); 0 for a fixed object."""
         if number not in self.world.addresses:
             return 0.0
         start = self.model.body_dofadr[self.world.bodies[number]]
@@ -232,32 +229,28 @@ class Physics:
     def simulate_until_at_rest(self, seconds: float = 1.2) -> None:
         """Wait until everything rests, at most ``seconds`` of simulated time; errors as ``raise_if_diverged``."""
         chunk = 12
-        if not self._is_already_at_rest():
-            for _ in range(int(seconds / self.timestep / chunk)):
-                self.step(chunk)
-                if self.max_free_body_speed() < _STILL:
-                    break
+        if not self.is_asleep:
+            # A scene that is slow and gathers no speed, by falling, tipping or rolling, rests already.
+            self.step(_GLANCE - 1)
+            before = np.array(self.data.qvel[self.dof :])
+            self.step()
+            surge = self._max_speed(self.data.qvel[self.dof :] - before)
+            if not max(self.max_free_body_speed(), surge / _SURGE) < _STILL:  # also for NaN
+                for _ in range(int(seconds / self.timestep / chunk)):
+                    self.step(chunk)
+                    if self.max_free_body_speed() < _STILL:
+                        break
         self.raise_if_diverged()
 
     def wait_until_asleep(self, least: int, most: int) -> None:
-        """Wait for ``least`` time steps, and for up to ``most`` if something moves by itself still."""
+        """Wait for ``least`` time steps, and up to ``most`` while anything moves by itself."""
         self.step(least)
         while least < most and not self.is_asleep:
             self.step(_GLANCE)
             least += _GLANCE
 
-    def _is_already_at_rest(self) -> bool:
-        """Whether a few steps show that everything is slow, and that nothing gathers speed: falls, tips or rolls. None
-        are needed where everything sleeps."""
-        if self.is_asleep:
-            return True
-        self.step(_GLANCE - 1)
-        before = np.array(self.data.qvel[self.dof :])
-        self.step()
-        return max(self.max_free_body_speed(), self._max_speed(self.data.qvel[self.dof :] - before) / _SURGE) < _STILL
-
     def separate_overlapping_bodies(self, seconds: float = 0.8) -> None:
-        """Let overlapping bodies part slowly rather than burst: their speed is held down at every step."""
+        """Let overlapping bodies part slowly: their speed is clamped at every step."""
         velocity = self.data.qvel[self.dof :]
         for _ in range(int(seconds / self.timestep)):
             if self.data.ncon == 0 or float(self.data.contact.dist.min()) > -0.001:
@@ -274,12 +267,12 @@ class Physics:
         return {self.world.owners[int(geom)] for geom in rows.ravel()} - {-1}
 
     def objects_touching_object(self, number: int) -> set[int]:
-        """Ids of the other objects that an object touches."""
+        """Ids of the objects that an object touches."""
         owners = self.world.owner_of_geom[self.data.contact.geom]
         return set(owners[(owners == number).any(axis=1)].ravel().tolist()) - {-1, number}
 
     def unheld_objects_touching_robot(self) -> set[int]:
-        """Ids of the objects that any part of the robot touches, but for what it holds."""
+        """Ids of the objects that any part of the robot touches, without the held object."""
         if self.data.ncon == 0:
             return set()
         pairs = self.data.contact.geom
@@ -287,25 +280,27 @@ class Physics:
         return {self.world.owners[int(geom)] for geom in rows.ravel()} - {-1, self.held_object_id}
 
     def is_object_supported(self, number: int) -> bool:
-        """Whether something other than the robot holds the object up."""
+        """Whether anything but the robot supports the object."""
         return is_supported(self.world, self.data, number)
 
     @property
     def held_object_id(self) -> int | None:
-        """Id of the object on the cup."""
+        """Id of the object in the cup; None for an empty cup."""
         return self.cup.held
 
     def compensate_joint_damping(self, path: FloatArray, speeds: FloatArray) -> FloatArray:
-        """Commands (N, dof) that bring the arm through joint positions (N, dof) at ``speeds`` (N, dof) or (dof,): ahead
-        of them by what the joints' damping costs."""
+        """Commands (N, dof) for joint positions (N, dof) at ``speeds`` (N, dof) or (dof,), with the lag of the joints'
+        damping compensated."""
         return path + speeds * self._lead
 
     def follow_joint_path(self, *legs: FloatArray, stop: Callable[[], bool] | None = None, spacing: int = 1) -> bool:
-        """Drive the arm through joint positions (N, dof), one each ``spacing`` time steps (1 or ``WAYPOINT_STEPS``) or
-        slower, as its joints' speeds allow; it rests between legs. True if it ended before: the cup let go, or ``stop``
-        held, with which it feels its way along the last leg and which may hold where something touches alone.
+        """Drive the arm along legs of joint positions (N, dof), at rest between legs.
 
-        Where nothing touches anything the arm is set along the path; what is touched is left to the dynamics.
+        Positions are ``spacing`` time steps apart (1 or ``WAYPOINT_STEPS``), more where joint speed limits demand it.
+        With ``stop`` the arm feels its way along the last leg; ``stop`` may hold only where something is in contact.
+        Without contacts the motion is kinematic, otherwise dynamic.
+
+        Returns: True if it ended early: the cup let go, or ``stop`` held.
         """
         held = self.cup.held
         way = pace_legs(legs, self.arm, self.timestep, spacing)
@@ -325,7 +320,11 @@ class Physics:
                     self.cup.watch_anew()
                     self.hold_arm(way.command_at(gone, self._lead, self._stiffness))
                     continue
-            count = min(self._stride(gone >= feeling), way.steps - gone)
+            if self.cup.held is None:
+                stride = _HELD_STRIDE if gone >= feeling else _FREE_STRIDE
+            else:
+                stride = 1 if gone >= feeling else _HELD_STRIDE
+            count = min(stride, way.steps - gone)
             gone += count
             self.lead_arm(way.command_at(gone, self._lead, self._stiffness), count)
             if self.cup.held != held or (stop is not None and gone > feeling and stop()):
@@ -334,34 +333,28 @@ class Physics:
         self.hold_arm(way.joints[-1])
         return False
 
-    def _stride(self, feeling: bool) -> int:
-        """How many time steps a command of the arm lasts; fewer if it is ``feeling`` its way."""
-        if self.cup.held is None:
-            return _HELD_STRIDE if feeling else _FREE_STRIDE
-        return 1 if feeling else _HELD_STRIDE
-
     def _pass_time(self, steps: int) -> None:
-        """Count time steps in which the arm was set along its path."""
+        """Count time steps of kinematic motion."""
         self.budget.spend_steps(steps)
         self.data.time += steps * self.timestep
         self._count_unobserved(steps)
 
     def wait_for_joint_positions(self, joints: FloatArray, steps: int = 60) -> None:
-        """Let the arm, which lags behind a fast motion, come to joint positions (dof,) in at most ``steps`` steps."""
+        """Let the arm catch up with its commanded joint positions (dof,), for at most ``steps`` time steps."""
         for _ in range(0, steps, 4):
             if float(np.abs(self.data.qpos[: self.dof] - joints).max()) < _ARRIVED:
                 return
             self.step(4)
 
     def surface_height_below(self, x: float, y: float, top: float = 1.0) -> tuple[float, int]:
-        """Where a ray straight down first meets something that can be touched: (height, object id or -1)."""
+        """First hit of a ray straight down: (height, object id or -1)."""
         distance, owner = self.cast_ray((x, y, top), (0.0, 0.0, -1.0))
         return (0.0, -1) if distance < 0 else (top - distance, owner)
 
     def cast_ray(
         self, start: Sequence[float] | FloatArray, direction: Sequence[float] | FloatArray
     ) -> tuple[float, int]:
-        """(metres, object id or -1) of what a ray with a unit ``direction`` first touches; (-1, -1) for nothing."""
+        """First hit of a ray with a unit ``direction``: (distance in metres, object id or -1); (-1, -1) for no hit."""
         (origin, way), geom = self._ray, self._met
         origin[:], way[:] = start, direction
         distance = float(mujoco.mj_ray(self.model, self.data, origin, way, _SOLID, 1, -1, geom))

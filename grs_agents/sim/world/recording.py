@@ -1,4 +1,4 @@
-"""A rollout's motion, sampled about 30 times a simulated second."""
+"""Motion of a rollout, sampled at about 30 Hz."""
 
 import io
 from pathlib import Path
@@ -13,12 +13,12 @@ from grs_agents.sim.world.physics import Physics
 RATE: Final = 30.0
 
 
-class Recording:
-    """Watches an environment's physics from now on; ``ids`` maps the id to record to the environment's."""
+class MotionRecording:
+    """Records the motion of a world from now on; ``ids`` maps each id in the file to the object's id on the table."""
 
     def __init__(self, physics: Physics, ids: dict[int, int]) -> None:
         self._physics = physics
-        bodies = {f"object_{own}": self._physics.world.bodies[number] for own, number in ids.items()}
+        bodies = {f"object_{name}": self._physics.world.bodies[number] for name, number in ids.items()}
         model = self._physics.model
         bodies |= {name: int(model.body(name).id) for name in physics.world.arm.link_names}
         self.names = tuple(bodies)

@@ -11,22 +11,21 @@ from grs_agents.sim.world.compilation import World
 from grs_agents.sim.world.nozzles import CUP, Nozzle
 
 HOLDING_FORCE: Final = CUP.holding_force
-"""What the suction cup holds, newtons."""
+"""Force that the suction cup holds, newtons."""
 GRAVITY: Final = 9.81
-"""Metres a second squared."""
+"""Gravitational acceleration, m/s^2."""
 PEELING_MOMENT: Final = CUP.peeling_moment
-"""What bends the cup's lip off, newton metres."""
+"""Moment that peels the cup's lip off, newton metres."""
 WATCHED: Final = 4
-"""Time steps between two looks at the load of the cup; two looks in succession over the limit break the hold."""
-
+"""Time steps between two checks of the cup's load; two checks over the limit in succession break the hold."""
 
 _UPRIGHT: Final = 0.7
-"""A contact whose normal rises by more than this carries what lies on it."""
+"""Least vertical part of the normal of a contact that supports an object."""
 
 
 @dataclass(frozen=True)
 class SuctionLoss:
-    """An object that was torn off the cup: its id, and the load (N) and the moment (N m) on the cup then."""
+    """An object torn off the cup: its id, and the load (N) and the moment (N m) on the cup at that time."""
 
     number: int
     load: float
@@ -34,29 +33,29 @@ class SuctionLoss:
 
 
 def is_supported(world: World, data: Any, number: int) -> bool:
-    """Whether something other than the robot holds an object up."""
+    """Whether anything but the robot supports an object."""
     if data.ncon == 0:
         return False
     pairs = data.contact.geom
-    mine = world.owner_of_geom[pairs] == number
+    touching = world.owner_of_geom[pairs] == number
     robot = (world.model.geom_contype[pairs] == ROBOT_CONTYPE).any(axis=1)
-    upwards = data.contact.frame[:, 2]  # what the first of a pair does to the second
-    held_up = (mine[:, 0] & (upwards < -_UPRIGHT)) | (mine[:, 1] & (upwards > _UPRIGHT))
+    upwards = data.contact.frame[:, 2]  # normal from the first geom of a pair to the second
+    held_up = (touching[:, 0] & (upwards < -_UPRIGHT)) | (touching[:, 1] & (upwards > _UPRIGHT))
     return bool((held_up & ~robot).any())
 
 
 class Cup:
-    """The suction of one running world."""
+    """The suction of a running world."""
 
     def __init__(self, world: World, data: Any) -> None:
         self._world, self._data = world, data
         self.held: int | None = None  # id of the object on the cup
-        self.slip: SuctionLoss | None = None  # how the last object that was held was torn off
-        self.due = WATCHED  # time steps until the load is to be looked at
+        self.slip: SuctionLoss | None = None  # loss of the object held last
+        self.due = WATCHED  # time steps until the next check of the load
         self._strained = False
         self._dof, self._weight = world.arm.dof, 0.0
         self._jacobian = np.zeros((3, world.model.nv))
-        # Views of the state: to ask for them anew at each look costs as much as the look.
+        # Views of the state: creating them at each check would cost as much as the check.
         self._tip: Any = data.site_xpos[world.tip_site]
         self._tip_axes: Any = data.site_xmat[world.tip_site]
         self._joint_forces: Any = data.qfrc_applied[: self._dof]
@@ -64,13 +63,13 @@ class Cup:
         self.fit_nozzle(CUP)
 
     def fit_nozzle(self, nozzle: Nozzle) -> None:
-        """Pick with another nozzle from now on; a spatula stays one."""
+        """Pick with another nozzle from now on; a spatula keeps its shape."""
         self.nozzle = nozzle
         if self._world.model.geom_type[self._world.cup_geom] == mujoco.mjtGeom.mjGEOM_CYLINDER:
             self._world.model.geom_size[self._world.cup_geom, 0] = nozzle.radius
 
     def grasp(self, number: int) -> None:
-        """Switch suction on: the object keeps its present pose relative to the cup; a rope's bead is free to turn."""
+        """Switch suction on: the object keeps its present pose relative to the cup; a rope's bead may rotate."""
         world, data = self._world, self._data
         weld, cup, body = world.welds[number], world.cup_body, world.bodies[number]
         self.nozzle = world.nozzle_for_object(number)
@@ -88,8 +87,11 @@ class Cup:
         self._set_cup_collisions(False)
 
     def release(self, collides: bool = True) -> None:
-        """Switch suction off. A cup that is not to collide yet does so after ``restore_collisions``: what it lets go of
-        comes to rest sooner without the cup upon it."""
+        """Switch suction off.
+
+        With ``collides`` False the cup collides again only after ``restore_collisions``: the released object comes to
+        rest sooner without the cup on it.
+        """
         if self.held is not None:
             self._data.eq_active[self._world.welds[self.held]] = 0
             self._set_cup_collisions(collides)
@@ -97,31 +99,32 @@ class Cup:
         self.held = None
 
     def restore_collisions(self) -> None:
-        """Let a cup that holds nothing collide, after it was drawn back from what it let go of."""
+        """Let an empty cup collide again, after it was drawn back from the released object."""
         if self.held is None:
             self._set_cup_collisions(True)
 
     def _compensate_held_weight(self, number: int) -> None:
-        """Let the arm bear the weight of what it holds where it is now, as arms do that are told what they carry: else
-        the load would draw the tip down and aside."""
+        """Add joint torques for the weight of the held object (payload compensation), so that the tip does not sag."""
         world, data = self._world, self._data
         if number not in world.limp:
             mujoco.mj_jacSite(world.model, data, self._jacobian, None, world.tip_site)
             np.multiply(self._jacobian[2, : self._dof], self._weight, out=self._joint_forces)
 
     def watch_anew(self) -> None:
-        """Take the load up anew, after the arm was set elsewhere."""
+        """Restart the load checks after the arm was set to another pose."""
         self.due, self._strained = WATCHED, False
         if self.held is not None:
             self._compensate_held_weight(self.held)
 
     def _set_cup_collisions(self, on: bool) -> None:
-        """Whether the cup meets objects: while it holds one, the weld alone acts between them, and none fights it."""
+        """Let the cup collide with objects, or not: while it holds an object, the weld alone acts between them."""
         self._world.model.geom_contype[self._world.cup_geom] = ROBOT_CONTYPE if on else 0
 
     def release_if_overloaded(self, steps: int) -> None:
-        """Count time steps, and let go of an object that has pulled or bent too hard at two looks in succession.
-        What something carries may bend the cup: its lip gives way by the little that is needed, and nothing tips."""
+        """Count time steps, and release an object whose load or moment was too large at two checks in succession.
+
+        A supported object may bend the cup: the lip yields a little and nothing tips.
+        """
         self.due -= steps
         if self.due > 0:
             return
@@ -138,8 +141,11 @@ class Cup:
             self.slip = SuctionLoss(number, load, moment)
 
     def measure_load(self, number: int) -> tuple[float, float]:
-        """How hard the object that is held pulls at the cup and shears along it, newtons (pressing on it is no load),
-        and how hard it bends the cup, newton metres about the tip across its axis; none for what hangs freely."""
+        """Load of the held object on the cup: force (N) and moment (N m).
+
+        The force is tension and shear, without pressure; the moment is about the tip, across the cup's axis, 0 for an
+        object that hangs freely.
+        """
         world, data = self._world, self._data
         # Equalities come first among the constraints, and of all the welds to the cup one alone is active.
         x, y, z, p, q, r = data.efc_force[:6].tolist()

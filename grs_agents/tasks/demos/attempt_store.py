@@ -1,4 +1,4 @@
-"""Where the episodes of an unfinished data set are kept: one file for each attempt, so that little is lost."""
+"""Store of an unfinished data set's episodes: a file for each attempt, so that an interruption loses little."""
 
 import io
 import json
@@ -26,38 +26,36 @@ _ORDER: Final = "order.json"
 _ARRAYS: Final = ("joint_positions", "joint_velocities", "tip", "suction", "objects", "actions", "rewards")
 _IMAGE: Final = "image:"
 _MOST_DIRECTORY: Final = 1 << 20
-"""Bytes of the table of what a file of an attempt holds."""
+"""Most bytes of the directory of an attempt's archive."""
 _MOST_HEADER: Final = 1 << 26
 _MOST_ARRAY: Final = 1 << 32
-"""Bytes of the pictures of one camera: 4,600 of 640x480 pixels."""
-
-
+"""Most bytes of an array, e.g. the pictures of a camera: 4,600 of 640x480 pixels."""
 _LEAST_ROOM, _MOST_RATIO = 1 << 24, 200
-"""Bytes that any attempt may unpack to, and times its size: pictures of a simulation shrink to a third or a tenth."""
+"""Bytes that any attempt may unpack to, and largest compression ratio: simulated pictures shrink to a tenth at best."""
 _ATTEMPT: Final = re.compile(r"attempt_(\d{6,12})")
 _REMEDY: Final = "remove it: the attempt is made again"
 _TORN: Final = (
     *(zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError, NotImplementedError),
     *(ValueError, TypeError, LookupError, RecursionError),
 )
-"""What zipfile, json and numpy raise on torn or forged files."""
+"""Errors of zipfile, json and numpy on torn or forged files."""
 
 
 class AttemptStore:
-    """The attempts of one order. Raises ``InputError`` if the folder has those of another."""
+    """The attempts of an order. Raises ``InputError`` for a folder with attempts of another order."""
 
     def __init__(self, path: Path, order: dict[str, Any]) -> None:
-        if path.is_symlink():  # what is begun may come from somebody else
+        if path.is_symlink():  # the folder may come from somebody else
             raise InputError(f"{path} is a link", "remove it to begin anew")
         self.path, file = path, path / _ORDER
-        self.order: dict[str, Any] = json.loads(json.dumps(order))  # what all attempts depend on
+        self.order: dict[str, Any] = json.loads(json.dumps(order))  # settings that all attempts depend on
         order = self.order
         if not file.is_file():
             write_json(file, order)
         elif (begun := read_json(file, "remove that folder to begin anew")) != order:
-            other = sorted(key for key in {*begun, *order} if begun.get(key) != order.get(key))
+            changed = sorted(key for key in {*begun, *order} if begun.get(key) != order.get(key))
             raise InputError(
-                f"{path} holds episodes that were begun otherwise: {', '.join(other)}",
+                f"{path} holds episodes that were begun otherwise: {', '.join(changed)}",
                 "give the same options to go on, or remove that folder to begin anew",
             )
 
@@ -75,16 +73,16 @@ class AttemptStore:
 
     @property
     def attempts(self) -> frozenset[int]:
-        """The attempts that were made."""
+        """Numbers of the attempts that were made."""
         return frozenset(self._kept_attempt_files) | frozenset(self._rejected_attempt_files)
 
     @property
     def count(self) -> int:
-        """How many demonstrations there are."""
+        """Number of demonstrations."""
         return len(self._kept_attempt_files)
 
     def add(self, attempt: int, result: Demonstration | Dropped) -> None:
-        """Keep what came of an attempt, whole or not at all."""
+        """Write the result of an attempt, whole or not at all."""
         if isinstance(result, Dropped):
             self._rejected_attempt_files[attempt] = write_json(
                 self._attempt_file(attempt, "json"), result.model_dump(), durable=True
@@ -98,21 +96,35 @@ class AttemptStore:
         return self.path / f"attempt_{attempt:06d}.{kind}"
 
     def demonstrations(self) -> Iterator[Demonstration]:
-        """What there is, in the order of the attempts; one at a time is in memory."""
+        """The demonstrations in the order of the attempts, read one at a time.
+
+        Raises ``InputError`` for a file that is torn, forged, or unpacks to more than pictures shrink by.
+        """
         for _, file in sorted(self._kept_attempt_files.items()):
-            yield _read_demonstration_npz(file)
+            try:
+                demonstration = _read_demonstration(file)
+            except _TORN as error:
+                reason = str(error)[:200] or type(error).__name__
+                raise InputError(f"{file} is no whole attempt: {reason}", _REMEDY) from error
+            yield demonstration
 
     def read_dropped_attempts(self) -> list[Dropped]:
-        """What came to nothing, in the order of the attempts."""
-        return [_read_dropped(file) for _, file in sorted(self._rejected_attempt_files.items())]
+        """Attempts without a demonstration, in their order."""
+        dropped: list[Dropped] = []
+        for _, file in sorted(self._rejected_attempt_files.items()):
+            try:
+                dropped.append(Dropped.model_validate(read_json(file, _REMEDY)))
+            except ValidationError as error:
+                raise InputError(f"{file} is no attempt: {error.errors()[0]['msg']}", _REMEDY) from error
+        return dropped
 
 
 def _encode_as_npz(demonstration: Demonstration) -> bytes:
-    """As an .npz file, lightly compressed: pictures of a simulation shrink to a third at little cost."""
+    """Content of an .npz file, lightly compressed: simulated pictures shrink to a third at little cost."""
     arrays: dict[str, Any] = {name: getattr(demonstration, name) for name in _ARRAYS}
     arrays |= {_IMAGE + name: images for name, images in demonstration.images.items()}
-    words = {one.name: getattr(demonstration, one.name) for one in fields(demonstration)}
-    header = {name: value for name, value in words.items() if name not in (*_ARRAYS, "images", "cameras")}
+    names = [part.name for part in fields(demonstration) if part.name not in (*_ARRAYS, "images", "cameras")]
+    header: dict[str, Any] = {name: getattr(demonstration, name) for name in names}
     header["cameras"] = [camera.model_dump() for camera in demonstration.cameras]
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file:
@@ -123,23 +135,7 @@ def _encode_as_npz(demonstration: Demonstration) -> bytes:
     return buffer.getvalue()
 
 
-def _read_dropped(file: Path) -> Dropped:
-    try:
-        return Dropped.model_validate(read_json(file, _REMEDY))
-    except ValidationError as error:
-        raise InputError(f"{file} is no attempt: {error.errors()[0]['msg']}", _REMEDY) from error
-
-
-def _read_demonstration_npz(path: Path) -> Demonstration:
-    """One attempt. Raises InputError: the file is torn, forged, or unpacks to more than pictures shrink by."""
-    try:
-        return _unpack_demonstration(path)
-    except _TORN as error:
-        reason = str(error)[:200] or type(error).__name__
-        raise InputError(f"{path} is no whole attempt: {reason}", _REMEDY) from error
-
-
-def _unpack_demonstration(path: Path) -> Demonstration:
+def _read_demonstration(path: Path) -> Demonstration:
     left = max(_LEAST_ROOM, _MOST_RATIO * path.stat().st_size)
     with path.open("rb") as packed, open_zip(packed, str(path), _MOST_DIRECTORY) as file:
         for member in file.infolist():
@@ -153,7 +149,7 @@ def _unpack_demonstration(path: Path) -> Demonstration:
                 arrays[name] = read_npy_stream(content, f"{name} in {path}", min(_MOST_ARRAY, left))
             left -= arrays[name].nbytes
     images = {name.removeprefix(_IMAGE): arrays.pop(name) for name in names if name.startswith(_IMAGE)}
-    header["cameras"] = tuple(CameraModel.model_validate(one) for one in header["cameras"])
+    header["cameras"] = tuple(CameraModel.model_validate(camera) for camera in header["cameras"])
     for name in ("object_names", "joint_names"):
         header[name] = tuple(header[name])
     return Demonstration(**header, **arrays, images=images)

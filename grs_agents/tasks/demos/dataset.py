@@ -1,4 +1,4 @@
-"""A data set: the demonstrations of a working folder in one of the formats, with what they are."""
+"""Data sets: the demonstrations of a working folder written in one of the formats, with a card."""
 
 import hashlib
 import importlib
@@ -38,8 +38,10 @@ _REASONS: Final = 5
 
 
 def check_format_requirements(kind: Format, order: DemoOrder) -> None:
-    """Refuse, before anything is simulated, what could not be written. Raises ``ConfigError``: a package is missing;
-    ``InputError``: pictures of such a size cannot be a film."""
+    """Check before anything is simulated that a format can be written.
+
+    Raises ``ConfigError`` for a missing package, ``InputError`` for pictures of a size that no film has.
+    """
     for package in _PACKAGES[kind]:
         try:
             importlib.import_module(package)
@@ -51,71 +53,22 @@ def check_format_requirements(kind: Format, order: DemoOrder) -> None:
         raise InputError(f"pictures of {size}: a film has an even number of rows and columns", "use e.g. --size 96x128")
 
 
-def write_dataset(made: AttemptStore, kind: Format, out: Path, folder: TaskFolder) -> DatasetSummary:
+def write_dataset(store: AttemptStore, kind: Format, out: Path, folder: TaskFolder) -> DatasetSummary:
     """Write a data set to ``out``, whole or not at all, and remove the working folder.
 
-    ``out`` is a task folder too: ``instances/seed_<N>.json`` is what episode N began in. ``grs.json`` says what the
-    episodes and cameras are. Raises ``GrsError``: no attempt gave a demonstration.
+    ``out`` is a task folder too: ``instances/seed_<N>.json`` is the instance of episode N; ``grs.json`` describes the
+    episodes and cameras. Raises ``GrsError``: no attempt gave a demonstration.
     """
-    dropped = made.read_dropped_attempts()
-    counted = Counter(f"{one.stage}: {one.why}" for one in dropped).most_common(_REASONS)
+    dropped = store.read_dropped_attempts()
+    counted = Counter(f"{attempt.stage}: {attempt.why}" for attempt in dropped).most_common(_REASONS)
     reasons = tuple(f"{count} x {why}" for why, count in counted)
-    first = next(made.demonstrations(), None)
+    first = next(store.demonstrations(), None)
     if first is None:
         found = f"none of {len(dropped)} attempts gave a demonstration: {'; '.join(reasons)}"
-        shutil.rmtree(made.path)
+        shutil.rmtree(store.path)
         raise GrsError(found, "vary less")
-    card, draft = _make_card(first, made, kind, out, folder), made.path / "dataset"
-    shutil.rmtree(draft, ignore_errors=True)
-    draft.mkdir()
-    episodes: list[dict[str, Any]] = []
-    _WRITERS[kind](_write_instances_and_yield_demonstrations(made, folder, draft, episodes), card, draft)
-    stages = dict(Counter(one.stage for one in dropped))
-    told = {"format": kind, "dataset": card.model_dump(), "order": made.order, "dropped": stages, "episodes": episodes}
-    write_json(draft / DATASET_FILE, told)
-    folder.copy_assets_and_robot(draft)
-    draft.rename(out)
-    shutil.rmtree(made.path)
-    steps = sum(int(one["steps"]) for one in episodes)
-    return DatasetSummary(
-        format=kind,
-        out=str(out),
-        episodes=len(episodes),
-        steps=steps,
-        dropped=stages,
-        reasons=reasons,
-        opens_with=_python_line_that_opens(kind, out, card),
-    )
-
-
-def _write_instances_and_yield_demonstrations(
-    made: AttemptStore, folder: TaskFolder, draft: Path, episodes: list[dict[str, Any]]
-) -> Iterator[Demonstration]:
-    """The demonstrations; each one's instance is written, and what is to be said of it is added to ``episodes``.
-
-    An arm's file is named relative to the data set, which has a copy of it.
-    """
-    for number, kept in enumerate(made.demonstrations()):
-        instance = make_robot_path_relative(TaskInstance.model_validate_json(kept.instance), folder.path)
-        one = replace(kept, instance=instance.model_dump_json())
-        write_text(draft / "instances" / f"seed_{number}.json", one.instance)
-        episodes.append(
-            {
-                "episode": number,
-                "attempt": one.attempt,
-                "base_seed": one.base_seed,
-                "instance_hash": one.instance_hash,
-                "language": one.language,
-                "steps": one.steps,
-                "strict_score": one.strict,
-            }
-        )
-        yield one
-
-
-def _make_card(first: Demonstration, made: AttemptStore, kind: Format, out: Path, folder: TaskFolder) -> DatasetCard:
-    content = json.dumps([kind, made.order, made.count], sort_keys=True)
-    return DatasetCard(
+    content = json.dumps([kind, store.order, store.count], sort_keys=True)
+    card = DatasetCard(
         name=folder.path.resolve().name,
         id=hashlib.sha256(content.encode()).hexdigest()[:32],
         folder=str(out.resolve()),
@@ -126,12 +79,54 @@ def _make_card(first: Demonstration, made: AttemptStore, kind: Format, out: Path
         cameras=first.cameras,
         versions=installed_versions(),
     )
-
-
-def _python_line_that_opens(kind: Format, out: Path, card: DatasetCard) -> str:
-    """A line of Python that opens the data set."""
+    draft = store.path / "dataset"
+    shutil.rmtree(draft, ignore_errors=True)
+    draft.mkdir()
+    episodes: list[dict[str, Any]] = []
+    _WRITERS[kind](_write_instances_and_yield_demonstrations(store, folder, draft, episodes), card, draft)
+    stages = dict(Counter(attempt.stage for attempt in dropped))
+    description = {"format": kind, "dataset": card.model_dump(), "order": store.order}
+    write_json(draft / DATASET_FILE, {**description, "dropped": stages, "episodes": episodes})
+    folder.copy_assets_and_robot(draft)
+    draft.rename(out)
+    shutil.rmtree(store.path)
     if kind == "lerobot":
-        return f"LeRobotDataset({f'grs/{card.name}'!r}, root={str(out)!r})"
-    if kind == "robomimic":
-        return f"h5py.File({str(out / FILE)!r})"
-    return f"minari.MinariDataset({str(out / minari_id(card) / 'data')!r})"
+        opens_with = f"LeRobotDataset({f'grs/{card.name}'!r}, root={str(out)!r})"
+    elif kind == "robomimic":
+        opens_with = f"h5py.File({str(out / FILE)!r})"
+    else:
+        opens_with = f"minari.MinariDataset({str(out / minari_id(card) / 'data')!r})"
+    return DatasetSummary(
+        format=kind,
+        out=str(out),
+        episodes=len(episodes),
+        steps=sum(int(episode["steps"]) for episode in episodes),
+        dropped=stages,
+        reasons=reasons,
+        opens_with=opens_with,
+    )
+
+
+def _write_instances_and_yield_demonstrations(
+    store: AttemptStore, folder: TaskFolder, draft: Path, episodes: list[dict[str, Any]]
+) -> Iterator[Demonstration]:
+    """Yield the demonstrations, write the instance of each, and append its description to ``episodes``.
+
+    An arm's file is named relative to the data set, which has a copy of it.
+    """
+    for number, kept in enumerate(store.demonstrations()):
+        instance = make_robot_path_relative(TaskInstance.model_validate_json(kept.instance), folder.path)
+        demonstration = replace(kept, instance=instance.model_dump_json())
+        write_text(draft / "instances" / f"seed_{number}.json", demonstration.instance)
+        episodes.append(
+            {
+                "episode": number,
+                "attempt": demonstration.attempt,
+                "base_seed": demonstration.base_seed,
+                "instance_hash": demonstration.instance_hash,
+                "language": demonstration.language,
+                "steps": demonstration.steps,
+                "strict_score": demonstration.strict,
+            }
+        )
+        yield demonstration

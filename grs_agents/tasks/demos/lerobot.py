@@ -1,7 +1,7 @@
-"""LeRobot data sets, version 3.0: parquet files for numbers, mp4 files for pictures, without LeRobot itself."""
+"""LeRobot data sets, version 3.0: parquet files for numbers, mp4 files for pictures, written without LeRobot."""
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from fractions import Fraction
 from importlib import import_module
 from pathlib import Path
@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base.files import write_json
-from grs_agents.tasks.demos.lerobot_statistics import Statistics, measure_images, measure_rows, pool
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.tasks.demos.types import CameraModel, DatasetCard, Demonstration
 
 _DATA: Final = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
@@ -19,16 +19,32 @@ _VIDEO: Final = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d
 _EPISODES: Final = "meta/episodes/chunk-000/file-000.parquet"
 _FILES_PER_CHUNK: Final = 1000
 _DATA_MB, _VIDEO_MB = 100, 200
-"""A file that has grown beyond so many MB is the last of its kind with that number."""
+"""Size (MB) beyond which a file is closed and the next begun."""
 _CODEC: Final = {"crf": "18", "preset": "veryfast", "g": "2", "threads": "1"}
-"""Every second frame is a key frame, so that a reader finds any of them at once."""
+"""Every second frame is a key frame, for fast random access."""
 _INDICES: Final = ("frame_index", "episode_index", "index", "task_index")
+
+Statistics = dict[str, FloatArray]
+"""A feature's statistics as in LeRobot: ``min``, ``max``, ``mean``, ``std``, ``q01`` to ``q99``, ``count`` (1,)."""
+_QUANTILES: Final = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
+_TASK_INDEX: Final = {
+    "index_columns": ["task"],
+    "column_indexes": [],
+    "columns": [
+        {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": numpy_kind, "metadata": None}
+        for name, kind, numpy_kind in (("task_index", "int64", "int64"), ("task", "unicode", "object"))
+    ],
+    "pandas_version": "2.2.0",
+}
+"""Metadata of pandas for a table whose index is the task's sentence."""
+_SAMPLED: Final = 20
+"""Number of pictures of an episode sampled for its statistics."""
 
 
 def write_lerobot(demonstrations: Iterable[Demonstration], card: DatasetCard, folder: Path) -> None:
     """Write a data set into an empty folder; its pictures have an even number of rows and columns.
 
-    Each frame has ``observation.state`` (joint positions, whether something is held, the tip's position),
+    Each frame has ``observation.state`` (joint positions, suction holding, tip position),
     ``observation.velocity``, ``observation.environment_state`` (objects' poses), ``observation.images.<camera>``,
     ``action``, ``next.reward``, ``next.done`` and ``next.success``.
     """
@@ -39,11 +55,11 @@ def write_lerobot(demonstrations: Iterable[Demonstration], card: DatasetCard, fo
 
 
 class _Writer:
-    """Writes episode by episode."""
+    """Writer of a data set, episode by episode."""
 
     def __init__(self, card: DatasetCard, folder: Path) -> None:
         self._card, self._folder = card, folder
-        self._describe_features = _describe_features(card)
+        self._features = _describe_features(card)
         self._data = _ParquetFiles(folder)
         self._videos = {_image_key(camera): _VideoFiles(folder, camera, card.rate) for camera in card.cameras}
         self._tasks: dict[str, int] = {}
@@ -52,10 +68,20 @@ class _Writer:
         self._frames = 0
 
     def add(self, demonstration: Demonstration) -> None:
-        """Write one episode."""
+        """Write an episode."""
         number, steps = len(self._episodes), demonstration.steps
         task = self._tasks.setdefault(demonstration.language, len(self._tasks))
-        columns = _make_step_columns(demonstration) | {
+        last = np.arange(steps) == steps - 1
+        held = demonstration.suction[:, None].astype(np.float32)
+        state = np.concatenate([demonstration.joint_positions, held, demonstration.tip[:, :3]], axis=1)
+        columns: dict[str, npt.NDArray[Any]] = {
+            "observation.state": state[:-1],
+            "observation.velocity": demonstration.joint_velocities[:-1],
+            "observation.environment_state": demonstration.objects[:-1].reshape(steps, -1),
+            "action": demonstration.actions,
+            "next.reward": demonstration.rewards,
+            "next.done": last,
+            "next.success": last,
             "timestamp": (np.arange(steps) / self._card.rate).astype(np.float32),
             "frame_index": np.arange(steps),
             "episode_index": np.full(steps, number),
@@ -88,7 +114,7 @@ class _Writer:
         self._frames += steps
 
     def finish(self) -> None:
-        """Write what is said of all episodes."""
+        """Write the metadata of all episodes."""
         pa, pq = _import_pyarrow()
 
         self._data.close()
@@ -97,9 +123,12 @@ class _Writer:
         path = self._folder / _EPISODES
         path.parent.mkdir(parents=True)
         pq.write_table(pa.Table.from_pylist(self._episodes), path)
-        _write_tasks(list(self._tasks), self._folder / "meta/tasks.parquet")
+        sentences = list(self._tasks)
+        table = pa.table({"task_index": pa.array(range(len(sentences)), pa.int64()), "task": sentences})
+        table = table.replace_schema_metadata({"pandas": json.dumps(_TASK_INDEX)})
+        pq.write_table(table, self._folder / "meta/tasks.parquet")
         pooled = {name: pool([part[name] for part in self._statistics]) for name in self._statistics[0]}
-        as_lists = {name: {kind: value.tolist() for kind, value in one.items()} for name, one in pooled.items()}
+        as_lists = {name: {kind: value.tolist() for kind, value in part.items()} for name, part in pooled.items()}
         write_json(self._folder / "meta/stats.json", as_lists)
         info: dict[str, Any] = {
             "codebase_version": "v3.0",
@@ -114,35 +143,18 @@ class _Writer:
             "splits": {"train": f"0:{len(self._episodes)}"},
             "data_path": _DATA,
             "video_path": _VIDEO if self._videos else None,
-            "features": self._describe_features,
+            "features": self._features,
         }
         write_json(self._folder / "meta/info.json", info)
 
 
 def _import_pyarrow() -> tuple[Any, Any]:
-    """pyarrow, whose types are not told, and its part for parquet files."""
+    """pyarrow and its module for parquet files, both untyped."""
     return import_module("pyarrow"), import_module("pyarrow.parquet")
 
 
 def _image_key(camera: CameraModel) -> str:
     return f"observation.images.{camera.name}"
-
-
-def _make_step_columns(demonstration: Demonstration) -> dict[str, npt.NDArray[Any]]:
-    """What each step is: the observation before it, its action, what came of it."""
-    steps = demonstration.steps
-    last = np.arange(steps) == steps - 1
-    held = demonstration.suction[:, None].astype(np.float32)
-    state = np.concatenate([demonstration.joint_positions, held, demonstration.tip[:, :3]], axis=1)
-    return {
-        "observation.state": state[:-1],
-        "observation.velocity": demonstration.joint_velocities[:-1],
-        "observation.environment_state": demonstration.objects[:-1].reshape(steps, -1),
-        "action": demonstration.actions,
-        "next.reward": demonstration.rewards,
-        "next.done": last,
-        "next.success": last,
-    }
 
 
 def _describe_features(card: DatasetCard) -> dict[str, Any]:
@@ -164,32 +176,33 @@ def _describe_features(card: DatasetCard) -> dict[str, Any]:
         "next.success": describe_scalar_feature("bool"),
         "timestamp": describe_scalar_feature("float32"),
     }
-    features |= {_image_key(camera): _video_feature(camera, card.rate) for camera in card.cameras}
+    for camera in card.cameras:
+        info = {
+            "video.height": camera.height,
+            "video.width": camera.width,
+            "video.codec": "h264",
+            "video.pix_fmt": "yuv420p",
+            "video.is_depth_map": False,
+            "video.fps": round(card.rate),
+            "video.channels": 3,
+            "has_audio": False,
+        }
+        features[_image_key(camera)] = {
+            "dtype": "video",
+            "shape": [camera.height, camera.width, 3],
+            "names": ["height", "width", "channels"],
+            "info": info,
+        }
     return features | {name: describe_scalar_feature("int64") for name in _INDICES}
 
 
-def _video_feature(camera: CameraModel, rate: float) -> dict[str, Any]:
-    info = {
-        "video.height": camera.height,
-        "video.width": camera.width,
-        "video.codec": "h264",
-        "video.pix_fmt": "yuv420p",
-        "video.is_depth_map": False,
-        "video.fps": round(rate),
-        "video.channels": 3,
-        "has_audio": False,
-    }
-    shape = [camera.height, camera.width, 3]
-    return {"dtype": "video", "shape": shape, "names": ["height", "width", "channels"], "info": info}
-
-
 def _next_file_index(files: int) -> dict[str, int]:
-    """Where the file lies that comes after so many others."""
+    """Chunk and index of the next file after a number of files."""
     return {"chunk_index": files // _FILES_PER_CHUNK, "file_index": files % _FILES_PER_CHUNK}
 
 
 class _ParquetFiles:
-    """Files of frames, one row group an episode."""
+    """Parquet files of frames, a row group for each episode."""
 
     def __init__(self, folder: Path) -> None:
         self._folder, self._files = folder, 0
@@ -197,7 +210,7 @@ class _ParquetFiles:
         self._path = folder
 
     def add(self, columns: dict[str, npt.NDArray[Any]]) -> dict[str, int]:
-        """Write the frames of an episode; returns where they are."""
+        """Write the frames of an episode; returns chunk and index of their file."""
         pa, pq = _import_pyarrow()
 
         arrays = {
@@ -217,14 +230,14 @@ class _ParquetFiles:
         return {f"data/{name}": value for name, value in place.items()}
 
     def close(self) -> None:
-        """End the file; the next episode begins another."""
+        """Close the file; the next episode begins a new file."""
         if self._writer is not None:
             self._writer.close()
             self._writer, self._files = None, self._files + 1
 
 
 class _VideoFiles:
-    """Films of one camera, episode after episode."""
+    """Video files of a camera, episode after episode."""
 
     def __init__(self, folder: Path, camera: CameraModel, rate: float) -> None:
         self._folder, self._camera, self._rate = folder, camera, round(rate)
@@ -234,32 +247,28 @@ class _VideoFiles:
         self._path = folder
 
     def add(self, images: npt.NDArray[np.uint8]) -> dict[str, Any]:
-        """Write the pictures (T, H, W, 3) of an episode; returns where they are."""
+        """Write the pictures (T, H, W, 3) of an episode; returns file and times."""
         av: Any = import_module("av")
         place, begin = _next_file_index(self._files), self._frames
-        container = self._container or self._open_video_container(place)
+        if self._container is None:
+            self._path = self._folder / _VIDEO.format(video_key=self._key, **place)
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            self._container = av.open(str(self._path), "w")
+            self._stream = self._container.add_stream("libx264", rate=self._rate, options=_CODEC)
+            self._stream.width, self._stream.height = self._camera.width, self._camera.height
+            self._stream.pix_fmt = "yuv420p"
         for image in images:
             frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")
             frame.pts, frame.time_base = self._frames, Fraction(1, self._rate)
-            container.mux(self._stream.encode(frame))
+            self._container.mux(self._stream.encode(frame))
             self._frames += 1
         times = {"from_timestamp": begin / self._rate, "to_timestamp": self._frames / self._rate}
         if self._path.stat().st_size > _VIDEO_MB << 20:
             self.close()
         return {f"videos/{self._key}/{name}": value for name, value in {**place, **times}.items()}
 
-    def _open_video_container(self, place: dict[str, int]) -> Any:
-        av: Any = import_module("av")
-        self._path = self._folder / _VIDEO.format(video_key=self._key, **place)
-        self._path.parent.mkdir(parents=True, exist_ok=True)
-        self._container = av.open(str(self._path), "w")
-        self._stream = self._container.add_stream("libx264", rate=self._rate, options=_CODEC)
-        self._stream.width, self._stream.height = self._camera.width, self._camera.height
-        self._stream.pix_fmt = "yuv420p"
-        return self._container
-
     def close(self) -> None:
-        """End the film; the next episode begins another."""
+        """Close the file; the next episode begins a new file."""
         container, self._container = self._container, None
         if container is not None:
             container.mux(self._stream.encode())
@@ -267,18 +276,49 @@ class _VideoFiles:
             self._files, self._frames = self._files + 1, 0
 
 
-def _write_tasks(tasks: list[str], path: Path) -> None:
-    """As pandas writes a table whose index is the task's sentence."""
-    pa, pq = _import_pyarrow()
-
-    def describe_column(name: str, kind: str, numpy_kind: str) -> dict[str, Any]:
-        return {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": numpy_kind, "metadata": None}
-
-    told = {
-        "index_columns": ["task"],
-        "column_indexes": [],
-        "columns": [describe_column("task_index", "int64", "int64"), describe_column("task", "unicode", "object")],
-        "pandas_version": "2.2.0",
+def measure_rows(rows: npt.NDArray[Any]) -> Statistics:
+    """Statistics of the columns of rows (T, D) or (T,)."""
+    values = np.asarray(rows, dtype=np.float64).reshape(len(rows), -1)
+    found: Statistics = {
+        "min": values.min(axis=0),
+        "max": values.max(axis=0),
+        "mean": values.mean(axis=0),
+        "std": values.std(axis=0),
+        "count": np.array([len(values)]),
     }
-    table = pa.table({"task_index": pa.array(range(len(tasks)), pa.int64()), "task": tasks})
-    pq.write_table(table.replace_schema_metadata({"pandas": json.dumps(told)}), path)
+    return found | dict(zip(_QUANTILES, np.quantile(values, [*_QUANTILES.values()], axis=0), strict=True))
+
+
+def measure_images(images: npt.NDArray[np.uint8]) -> Statistics:
+    """Statistics of the channels of pictures (T, H, W, 3), scaled to 0..1, each (3, 1, 1)."""
+    sample = images[:: max(1, len(images) // _SAMPLED)]
+    levels = np.arange(256) / 255
+    counts = np.stack([np.bincount(sample[..., channel].ravel(), minlength=256) for channel in range(3)])
+    shares = counts / counts.sum(axis=1, keepdims=True)
+    total, present = shares.cumsum(axis=1), counts > 0
+    mean = shares @ levels
+    found: Statistics = {
+        "min": levels[present.argmax(axis=1)],
+        "max": levels[255 - present[:, ::-1].argmax(axis=1)],
+        "mean": mean,
+        "std": np.sqrt((shares * (levels - mean[:, None]) ** 2).sum(axis=1)),
+    }
+    found |= {name: levels[(total >= share).argmax(axis=1)] for name, share in _QUANTILES.items()}
+    return {name: value.reshape(3, 1, 1) for name, value in found.items()} | {"count": np.array([len(images)])}
+
+
+def pool(parts: Sequence[Statistics]) -> Statistics:
+    """Statistics of all episodes; quantiles are means weighted by length, as LeRobot pools them."""
+    count = np.array([part["count"][0] for part in parts], dtype=np.float64)
+    weights = (count / count.sum()).reshape(-1, *[1] * parts[0]["mean"].ndim)
+    stacked = {name: np.stack([part[name] for part in parts]) for name in parts[0]}
+    mean = (weights * stacked["mean"]).sum(axis=0)
+    spread = stacked["std"] ** 2 + (stacked["mean"] - mean) ** 2
+    found: Statistics = {
+        "min": stacked["min"].min(axis=0),
+        "max": stacked["max"].max(axis=0),
+        "mean": mean,
+        "std": np.sqrt((weights * spread).sum(axis=0)),
+        "count": np.array([int(count.sum())]),
+    }
+    return found | {name: (weights * stacked[name]).sum(axis=0) for name in _QUANTILES}

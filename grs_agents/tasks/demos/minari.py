@@ -1,4 +1,4 @@
-"""Minari data sets: HDF5 with the spaces of gymnasium, as ``minari.load_dataset`` finds them."""
+"""Minari data sets: HDF5 with the spaces of gymnasium, found by ``minari.load_dataset``."""
 
 import re
 from collections.abc import Iterable, Iterator
@@ -13,7 +13,7 @@ from grs_agents.tasks.demos.types import ENVIRONMENT, DatasetCard, Demonstration
 
 
 def minari_id(card: DatasetCard) -> str:
-    """What Minari calls the data set."""
+    """Minari's id of the data set."""
     return f"grs/{re.sub('[^-_a-zA-Z0-9]+', '-', card.name).strip('-') or 'task'}-v0"
 
 
@@ -23,20 +23,25 @@ def write_minari(demonstrations: Iterable[Demonstration], card: DatasetCard, fol
     Observations: ``joint_positions``, ``joint_velocities``, ``tip``, ``suction``, ``objects`` and, of each camera, its
     pictures, which Minari keeps as JPEG.
     """
+    from gymnasium.envs import registration
+
     minari: Any = import_module("minari")
     kind: Any = import_module("minari.dataset.minari_storage").MinariStorage
     path = folder.resolve() / minari_id(card) / "data"
     path.mkdir(parents=True)
     observations, actions = _make_spaces(card)
     storage = kind.new(path, observation_space=observations, action_space=actions)
-    told: list[dict[str, Any]] = []
-    storage.update_episodes(_make_episode_buffers(demonstrations, told))
-    storage.update_episode_metadata(told)
+    metadata: list[dict[str, Any]] = []
+    storage.update_episodes(_make_episode_buffers(demonstrations, metadata))
+    storage.update_episode_metadata(metadata)
+    module, _, name = ENVIRONMENT.partition(":")
+    import_module(module)  # registers the environment
+    registered: Any = cast(Any, registration).spec(name)  # its observations have the data set's names
     storage.update_metadata(
         {
             "dataset_id": minari_id(card),
             "minari_version": minari.__version__,
-            "env_spec": _make_environment_spec(card).to_json(),
+            "env_spec": replace(registered, kwargs=card.environment_arguments).to_json(),
             "algorithm_name": "the expert of GRS",
             "requirements": [f"grs-agents=={card.versions['grs-agents']}"],
             "description": f"Demonstrations of {card.name} at {card.rate:g} Hz; action: joint positions, suction.",
@@ -44,18 +49,8 @@ def write_minari(demonstrations: Iterable[Demonstration], card: DatasetCard, fol
     )
 
 
-def _make_environment_spec(card: DatasetCard) -> Any:
-    """What ``recover_environment`` makes: its observations have the data set's names, pictures as ``<camera>_rgb``."""
-    from gymnasium.envs import registration
-
-    module, _, name = ENVIRONMENT.partition(":")
-    import_module(module)  # registers it
-    registered: Any = cast(Any, registration).spec(name)
-    return replace(registered, kwargs=card.environment_arguments)
-
-
 def _make_spaces(card: DatasetCard) -> tuple[Any, Any]:
-    """Of observations and of actions."""
+    """Spaces of observations and of actions."""
     from gymnasium import spaces
 
     def make_unbounded_box(*shape: int) -> spaces.Box:
@@ -74,33 +69,33 @@ def _make_spaces(card: DatasetCard) -> tuple[Any, Any]:
     return spaces.Dict(parts), make_unbounded_box(dof + 1)
 
 
-def _make_episode_buffers(demonstrations: Iterable[Demonstration], told: list[dict[str, Any]]) -> Iterator[Any]:
-    """The episodes as Minari takes them; what else is to be kept of each is added to ``told``."""
+def _make_episode_buffers(demonstrations: Iterable[Demonstration], metadata: list[dict[str, Any]]) -> Iterator[Any]:
+    """Episodes as Minari takes them; appends the metadata of each to ``metadata``."""
     buffer: Any = import_module("minari.data_collector").EpisodeBuffer
-    for number, one in enumerate(demonstrations):
-        ends = [False] * (one.steps - 1) + [True]
-        told.append(
+    for number, demonstration in enumerate(demonstrations):
+        ends = [False] * (demonstration.steps - 1) + [True]
+        metadata.append(
             {
-                "grs_attempt": one.attempt,
-                "grs_base_seed": one.base_seed,
-                "grs_instance_hash": one.instance_hash,
-                "grs_language": one.language,
-                "grs_strict_score": one.strict,
+                "grs_attempt": demonstration.attempt,
+                "grs_base_seed": demonstration.base_seed,
+                "grs_instance_hash": demonstration.instance_hash,
+                "grs_language": demonstration.language,
+                "grs_strict_score": demonstration.strict,
             }
         )
         yield buffer(
             id=number,
-            seed=one.attempt,
+            seed=demonstration.attempt,
             observations={
-                "joint_positions": one.joint_positions,
-                "joint_velocities": one.joint_velocities,
-                "tip": one.tip,
-                "suction": one.suction[:, None].astype(np.float32),
-                "objects": one.objects,
-                **one.images,
+                "joint_positions": demonstration.joint_positions,
+                "joint_velocities": demonstration.joint_velocities,
+                "tip": demonstration.tip,
+                "suction": demonstration.suction[:, None].astype(np.float32),
+                "objects": demonstration.objects,
+                **demonstration.images,
             },
-            actions=one.actions,
-            rewards=one.rewards.tolist(),
+            actions=demonstration.actions,
+            rewards=demonstration.rewards.tolist(),
             terminations=ends,
-            truncations=[False] * one.steps,
+            truncations=[False] * demonstration.steps,
         )

@@ -1,39 +1,60 @@
-"""Making demonstrations: an instance, the expert on it, and what it did replayed through the environment."""
+"""Production of demonstrations: an instance, the expert's solution of it, and its replay through the environment."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 import numpy as np
+import numpy.typing as npt
 from pydantic import Field
 
 from grs_agents.base import Frozen
 from grs_agents.base.errors import GrsError, InputError
-from grs_agents.base.geometry.transforms import FloatArray
+from grs_agents.base.geometry import transforms
+from grs_agents.base.geometry.transforms import FloatArray, pose_matrix
+from grs_agents.library.library import Library
+from grs_agents.sim.arms.registry import get_arm
 from grs_agents.sim.instance.episode import SimulationError
-from grs_agents.sim.instance.task_instance import TaskInstance, hash_instance
+from grs_agents.sim.instance.task_instance import hash_instance
 from grs_agents.sim.motion.joint_controller import CONTROL_RATE
 from grs_agents.sim.rendering.scene_cameras import Backend
+from grs_agents.sim.tabletop_episode import InstanceEpisode, follow_oracle
 from grs_agents.sim.variation.types import Variation
 from grs_agents.sim.variation.vary import vary_instance
+from grs_agents.sim.world.physics import Physics
 from grs_agents.tasks.demos.attempt_store import AttemptStore
-from grs_agents.tasks.demos.expert_path import Flags, path_to_actions, record_expert
-from grs_agents.tasks.demos.replay import Replayer
-from grs_agents.tasks.demos.types import Demonstration, Dropped, installed_versions
+from grs_agents.tasks.demos.types import CameraModel, Demonstration, Dropped, Floats, Row, installed_versions
+from grs_agents.tasks.envs.controls import JointPositionControl
+from grs_agents.tasks.envs.pictures import Photographer
+from grs_agents.tasks.envs.state import StateReader
+from grs_agents.tasks.envs.task_episode import TaskEpisode
 from grs_agents.tasks.task_folder import TaskFolder
 
+Flags = npt.NDArray[np.bool_]
 _PACES: Final = (1.0, 0.7)
-"""How fast a replay goes against the expert: slower where what is held slips off at the control rate."""
+"""Speeds of a replay relative to the expert: slower if the held object slips off at the control rate."""
 _SPARE: Final = 20
-"""No more attempts are made than twice the episodes that are wanted, and these."""
+"""Most attempts beyond twice the number of episodes."""
 _VARIED: Final = Variation(jitter=0.03, yaw=float(np.deg2rad(30)))
-"""What is varied unless something else is asked for."""
+"""Default variation."""
+_EARLY: Final = 8
+"""Control periods that suction is on before the cup touches: it seals as soon as it does."""
+_AFTER_RELEASE: Final = 3
+"""Control periods after a release in which suction stays off."""
+_PRESS_STEPS: Final = 30
+_PRESS: Final = 10
+"""Physics steps that the arm presses on after it took hold, by as much as it moved in the last ``_PRESS``, so that a
+replay that is a millimetre too high touches all the same."""
+_REST_STEPS: Final = 20
+"""Physics steps that the arm waits where it releases."""
+_SETTLE_PERIODS: Final = 50
+"""Control periods (2 s) in which the scene may come to rest after the last action."""
 
 
 class DemoOrder(Frozen):
-    """What is wanted; the same order gives the same demonstrations."""
+    """Settings of a production; equal orders give equal demonstrations."""
 
     episodes: Annotated[int, Field(ge=1, le=1_000_000)] = 200
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 0  # of the variations
@@ -46,34 +67,34 @@ class DemoOrder(Frozen):
 def make_demonstrations(
     folder: TaskFolder, order: DemoOrder, work: Path, show: Callable[[AttemptStore], None]
 ) -> AttemptStore:
-    """Add to a working folder what it lacks of ``order.episodes`` demonstrations.
+    """Complete a working folder to ``order.episodes`` demonstrations.
 
-    The first attempts take the folder's instances as they are, the others vary them in turn. ``show`` is called before
+    The first attempts take the folder's instances as they are, later ones vary them in turn. ``show`` is called before
     each attempt.
 
     Raises:
-        InputError: there are fewer instances than episodes, and nothing is varied; their objects differ in number; or
-            the working folder was begun with another order.
+        InputError: there are fewer instances than episodes without a variation; their objects differ in number; or the
+            working folder was begun with another order.
     """
     attempts = _Attempts(folder, order)
-    made = AttemptStore(work, attempts.attempt_settings)
+    store = AttemptStore(work, attempts.attempt_settings)
     with closing(attempts):
         for attempt in range(attempts.max_attempt_count):
-            show(made)
-            if made.count >= order.episodes:
+            show(store)
+            if store.count >= order.episodes:
                 break
-            if attempt not in made.attempts:
-                made.add(attempt, attempts.make(attempt))
-    return made
+            if attempt not in store.attempts:
+                store.add(attempt, attempts.make(attempt))
+    return store
 
 
 class _Attempts:
-    """The attempts of an order, each the same whenever it is made."""
+    """The attempts of an order; each gives the same result whenever it is made."""
 
     def __init__(self, folder: TaskFolder, order: DemoOrder) -> None:
         self._folder, self._order = folder, order
         self._instances = {seed: folder.read_instance(seed) for seed in folder.seeds}
-        counts = {(len(one.task_objects), one.robot): seed for seed, one in self._instances.items()}
+        counts = {(len(item.task_objects), item.robot): seed for seed, item in self._instances.items()}
         if len(counts) > 1:
             found = ", ".join(f"seed {seed} has {count} and {robot}" for (count, robot), seed in counts.items())
             raise InputError(
@@ -83,7 +104,7 @@ class _Attempts:
         if order.variation == Variation() and order.episodes > len(self._instances):
             found = f"{folder.path} has {len(self._instances)} instances as they are, {order.episodes} are wanted"
             raise InputError(found, "ask for fewer with --episodes, or vary them, e.g. with --jitter 0.03")
-        if "photo" in order.cameras and any(one.camera is None for one in self._instances.values()):
+        if "photo" in order.cameras and any(item.camera is None for item in self._instances.values()):
             found = f"{folder.path} does not say where its photo was taken from"
             raise InputError(found, "leave the camera photo out")
         ((rows, robot),) = counts
@@ -91,12 +112,12 @@ class _Attempts:
 
     @property
     def max_attempt_count(self) -> int:
-        """How many attempts may be made."""
+        """Most attempts of the order."""
         return len(self._instances) if self._order.variation == Variation() else 2 * self._order.episodes + _SPARE
 
     @property
     def attempt_settings(self) -> dict[str, Any]:
-        """What the attempts depend on; more episodes may be wanted of the same ones."""
+        """Settings that attempts depend on; orders of more episodes share attempts."""
         return {
             "instances": {str(seed): hash_instance(instance) for seed, instance in self._instances.items()},
             **self._order.model_dump(exclude={"episodes"}),
@@ -104,7 +125,7 @@ class _Attempts:
         }
 
     def make(self, attempt: int) -> Demonstration | Dropped:
-        """One attempt."""
+        """Make an attempt: vary, let the expert solve, replay."""
         seeds = tuple(self._instances)
         base = seeds[attempt % len(seeds)]
         instance, stage = self._instances[base], "variation"
@@ -112,33 +133,177 @@ class _Attempts:
             if attempt >= len(seeds):
                 rng = np.random.default_rng((self._order.seed, attempt))
                 instance = vary_instance(instance, self._order.variation, rng, self._folder.library)
-            stage = "expert"
-            path = self._record_expert_path(instance)
+            stage, episode = "expert", self._replayer.episode
+            episode.begin(instance)
+            positions, held = record_expert(episode.current)
+            if not episode.is_solved():
+                raise SimulationError(episode.sim.current_episode.detail)
             stage = "replay"
-            demonstration = self._replay_expert_path(instance, *path)
+            period = round(1 / (CONTROL_RATE * instance.timestep))
+            for pace in _PACES:
+                episode.begin(instance)
+                if demonstration := self._replayer.run(path_to_actions(positions, held, period, pace)):
+                    return replace(demonstration, attempt=attempt, base_seed=base)
+            raise SimulationError(episode.sim.current_episode.detail)
         except GrsError as error:
             return Dropped(stage=stage, why=error.message)
-        return replace(demonstration, attempt=attempt, base_seed=base)
-
-    def _record_expert_path(self, instance: TaskInstance) -> tuple[FloatArray, Flags]:
-        """What the expert does; raises ``SimulationError`` where it does not solve the task."""
-        episode = self._replayer.episode
-        episode.begin(instance)
-        path = record_expert(episode.env, episode.task)
-        if not episode.is_solved():
-            raise SimulationError(episode.env.current_episode.detail)
-        return path
-
-    def _replay_expert_path(self, instance: TaskInstance, positions: FloatArray, held: Flags) -> Demonstration:
-        """The same again through the environment; raises ``SimulationError`` where that does not solve the task."""
-        episode = self._replayer.episode
-        period = round(1 / (CONTROL_RATE * instance.timestep))
-        for pace in _PACES:
-            episode.begin(instance)
-            if demonstration := self._replayer.run(path_to_actions(positions, held, period, pace)):
-                return demonstration
-        raise SimulationError(episode.env.current_episode.detail)
 
     def close(self) -> None:
-        """Give back what drawing holds."""
+        """Release the renderer."""
         self._replayer.close()
+
+
+def record_expert(episode: InstanceEpisode) -> tuple[FloatArray, Flags]:
+    """Let the expert solve an episode that was just reset.
+
+    Returns joint positions (N, dof), linear between two samples, and whether the cup holds an object (N,), one row for
+    each physics step. ``episode.sim.current_episode`` says how it went.
+    """
+    physics = episode.sim.physics
+    times, positions, held = [float(physics.data.time)], [physics.joint_positions], [False]
+
+    def sample_arm_state() -> None:
+        times.append(float(physics.data.time))
+        positions.append(physics.joint_positions)
+        held.append(physics.held_object_id is not None)
+
+    physics.observer = sample_arm_state
+    try:
+        follow_oracle(episode.task.oracle(episode.sim), episode)
+    finally:
+        physics.observer = None
+    steps: FloatArray = np.round((np.array(times) - times[0]) / physics.timestep)
+    at = np.linspace(0.0, float(steps[-1]), int(steps[-1]) + 1)
+    looks: FloatArray = np.array(positions)
+    path = np.column_stack([np.interp(at, steps, looks[:, joint]) for joint in range(looks.shape[1])])
+    return path, np.array(held)[np.searchsorted(steps, at)]
+
+
+def path_to_actions(positions: FloatArray, held: Flags, period: int, pace: float = 1.0) -> npt.NDArray[np.float32]:
+    """Actions (T, dof + 1), for each control period of ``period`` physics steps, that follow an expert's path.
+
+    Each is the joint positions at the end of its period, and suction, 1 on and -1 off. The arm pauses where it takes
+    hold and releases; ``pace`` below 1 is slower than the expert.
+    """
+    third = _PRESS_STEPS // 3
+    down = np.linspace(0.0, 1.0, third + 1)[1:]
+    depth: FloatArray = np.concatenate([down, np.ones(2 * third), down[::-1]])[:, None]  # down, hold, up again
+    paths, flags, begin = list[FloatArray](), list[Flags](), 0
+    for change in (np.flatnonzero(held[1:] != held[:-1]) + 1).tolist():
+        if held[change]:
+            pause = positions[change] + (positions[change - 1] - positions[max(0, change - 1 - _PRESS)]) * depth
+        else:
+            pause = np.repeat(positions[change][None], _REST_STEPS, axis=0)
+        paths += [positions[begin : change + 1], pause]
+        flags += [held[begin : change + 1], np.full(len(pause), held[change])]
+        begin = change + 1
+    path, holding = np.concatenate([*paths, positions[begin:]]), np.concatenate([*flags, held[begin:]])
+    at = np.minimum(np.arange(1, int(np.ceil((len(path) - 1) / (pace * period))) + 1) * period * pace, len(path) - 1)
+    before, share = np.floor(at).astype(int), (at % 1)[:, None]
+    after = np.minimum(before + 1, len(path) - 1)
+    targets = path[before] * (1 - share) + path[after] * share
+    holds = holding[before]
+    suction = holds.copy()
+    for _ in range(_EARLY):
+        suction[:-1] |= suction[1:]
+    for last in np.flatnonzero(holds[:-1] & ~holds[1:]).tolist():
+        suction[last + 1 : last + 1 + _AFTER_RELEASE] = False
+    return np.concatenate([targets, np.where(suction, 1.0, -1.0)[:, None]], axis=1).astype(np.float32)
+
+
+class Replayer:
+    """Replays actions as the environment ``GRS-v0`` with the control ``joint_position``, and records observations.
+
+    Args:
+        library: 3D assets.
+        robot: the arm of all episodes.
+        rows: number of objects of the tasks.
+        cameras: names of the cameras.
+        size: rows and columns of the pictures.
+        renderer: of the pictures.
+    """
+
+    def __init__(
+        self, library: Library, robot: str, rows: int, cameras: Sequence[str], size: tuple[int, int], renderer: Backend
+    ) -> None:
+        arm = get_arm(robot)
+        self.episode = TaskEpisode(library)
+        self._control, self._state = JointPositionControl(arm), StateReader(arm, rows)
+        self._photographer = Photographer(cameras, ("rgb",), size, renderer)
+
+    def run(self, actions: Floats) -> Demonstration | None:
+        """Replay actions (T, dof + 1) in the episode that was just begun, until the task is solved.
+
+        None if the environment's horizon ends first.
+        """
+        episode, control = self.episode, self._control
+        for part in (control, self._state, self._photographer):
+            part.begin(episode)
+        cameras = tuple(self._describe_camera(name, episode.physics) for name in self._photographer.cameras)
+        waiting = np.append(actions[-1, :-1], np.float32(-1))
+        states, pictures, done = [self._state.read()[0]], [self._photographer.take()], list[Floats]()
+        for action in (*actions, *[waiting] * _SETTLE_PERIODS)[: control.horizon(episode.instance.max_steps)]:
+            control.apply(np.clip(action.astype(np.float64), control.low, control.high))
+            episode.physics.raise_if_diverged()
+            done.append(action)
+            states.append(self._state.read()[0])
+            pictures.append(self._photographer.take())
+            if episode.is_solved():
+                return self._make_demonstration(states, pictures, np.array(done), cameras)
+        return None
+
+    def close(self) -> None:
+        """Release the renderer."""
+        self._photographer.close()
+
+    def _make_demonstration(
+        self,
+        states: list[dict[str, Floats]],
+        pictures: list[dict[str, npt.NDArray[np.uint8]]],
+        actions: Floats,
+        cameras: tuple[CameraModel, ...],
+    ) -> Demonstration:
+        instance, physics = self.episode.instance, self.episode.physics
+        columns = {name: np.array([state[name] for state in states]) for name in states[0]}
+        return Demonstration(
+            instance=instance.model_dump_json(),
+            instance_hash=hash_instance(instance),
+            language=instance.language,
+            robot=physics.arm.name,
+            joint_names=tuple(str(physics.model.joint(index).name) for index in range(physics.dof)),
+            rate=CONTROL_RATE,
+            joint_positions=columns["joint_positions"],
+            joint_velocities=columns["joint_velocities"],
+            tip=columns["tip"],
+            suction=columns["suction"][:, 0] > 0,
+            objects=columns["objects"],
+            object_names=tuple(f"{item.asset}#{item.id}" for item in instance.task_objects),
+            actions=actions,
+            rewards=np.append(np.zeros(len(actions) - 1), 1.0).astype(np.float32),
+            strict=self.episode.strict_score,
+            images={
+                camera.name: np.array([picture[f"{camera.name}_rgb"] for picture in pictures]) for camera in cameras
+            },
+            cameras=cameras,
+        )
+
+    def _describe_camera(self, name: str, physics: Physics) -> CameraModel:
+        """Model of a camera, the arm at rest; a camera on the arm is given in the frame of the tip."""
+        scene, on_tip = self._photographer.scene, name == "wrist"
+        pose = scene.pose(name, physics)
+        if on_tip:
+            turn = transforms.quaternion_to_matrix(physics.suction_tip_rotation())
+            pose = np.linalg.inv(pose_matrix(turn, np.array(physics.tip_position))) @ pose
+        height, width = self._photographer.size
+        return CameraModel(
+            name=name,
+            width=width,
+            height=height,
+            intrinsics=_matrix_to_row_tuples(scene.intrinsics(name)),
+            frame="tip" if on_tip else "robot",
+            pose=_matrix_to_row_tuples(pose),
+        )
+
+
+def _matrix_to_row_tuples(matrix: FloatArray) -> tuple[Row, ...]:
+    return tuple(tuple(row) for row in matrix.tolist())

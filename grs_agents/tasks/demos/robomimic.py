@@ -1,4 +1,4 @@
-"""robomimic data sets: one HDF5 file, a group an episode."""
+"""robomimic data sets: an HDF5 file with a group for each episode."""
 
 import json
 from collections.abc import Iterable
@@ -13,9 +13,9 @@ from grs_agents.tasks.demos.types import ENVIRONMENT, DatasetCard, Demonstration
 
 FILE: Final = "demos.hdf5"
 _GYM: Final = 2
-"""What robomimic calls an environment of gymnasium."""
+"""robomimic's type of a gymnasium environment."""
 _HELD_OUT: Final = 10
-"""Every so manieth episode is for validation."""
+"""Every tenth episode is for validation."""
 
 
 def write_robomimic(demonstrations: Iterable[Demonstration], card: DatasetCard, folder: Path) -> None:
@@ -50,7 +50,14 @@ def write_robomimic(demonstrations: Iterable[Demonstration], card: DatasetCard, 
 def _write_episode(group: Any, demonstration: Demonstration) -> None:
     done = np.zeros(demonstration.steps, dtype=np.int64)
     done[-1:] = 1
-    low_dimensional = _low_dimensional_observations(demonstration)
+    low_dimensional: dict[str, npt.NDArray[np.float32]] = {  # observations besides pictures, (T + 1, D) each
+        "robot0_joint_pos": demonstration.joint_positions,
+        "robot0_joint_vel": demonstration.joint_velocities,
+        "robot0_eef_pos": demonstration.tip[:, :3],
+        "robot0_eef_quat": demonstration.tip[:, 3:],
+        "suction": demonstration.suction[:, None].astype(np.float32),
+        "object": demonstration.objects.reshape(len(demonstration.objects), -1),
+    }
     group.attrs["num_samples"], group.attrs["model_file"] = demonstration.steps, ""
     for name in ("attempt", "base_seed", "instance_hash", "instance", "language", "strict"):
         group.attrs[name] = getattr(demonstration, name)
@@ -65,15 +72,3 @@ def _write_episode(group: Any, demonstration: Demonstration) -> None:
             part.create_dataset(
                 f"{camera}_image", data=shown, chunks=(1, *shown.shape[1:]), compression="gzip", compression_opts=1
             )
-
-
-def _low_dimensional_observations(demonstration: Demonstration) -> dict[str, npt.NDArray[np.float32]]:
-    """What is observed besides pictures, (T + 1, D) each."""
-    return {
-        "robot0_joint_pos": demonstration.joint_positions,
-        "robot0_joint_vel": demonstration.joint_velocities,
-        "robot0_eef_pos": demonstration.tip[:, :3],
-        "robot0_eef_quat": demonstration.tip[:, 3:],
-        "suction": demonstration.suction[:, None].astype(np.float32),
-        "object": demonstration.objects.reshape(len(demonstration.objects), -1),
-    }

@@ -1,4 +1,4 @@
-"""What a demonstration is: one episode at the control rate, as numbers."""
+"""Types of demonstrations: episodes at the control rate as arrays, and the card of a data set."""
 
 import importlib.metadata
 import platform
@@ -15,7 +15,7 @@ from grs_agents.base.version import __version__
 Format = Literal["lerobot", "robomimic", "minari"]
 FORMATS: Final[tuple[Format, ...]] = ("lerobot", "robomimic", "minari")
 ENVIRONMENT: Final = "grs_agents.envs:GRS-v0"
-"""What gymnasium makes the environment of a data set by."""
+"""Gymnasium id of the environment of a data set."""
 Floats = npt.NDArray[np.float32]
 Row = tuple[float, ...]
 
@@ -27,13 +27,13 @@ class CameraModel(Frozen):
     width: int  # pixels
     height: int
     intrinsics: tuple[Row, ...]  # (3, 3), pixels; the centre of the first pixel is at (0, 0)
-    frame: Literal["robot", "tip"]  # what it is fixed to: the robot's base, or the tip of the tool
+    frame: Literal["robot", "tip"]  # that it is fixed to: the robot's base, or the tip of the tool
     pose: tuple[Row, ...]  # T_frame_camera (4, 4), metres
 
 
 @dataclass(frozen=True)
 class Demonstration:
-    """One episode, replayed through the environment: T steps between T + 1 observations.
+    """An episode replayed through the environment: T steps between T + 1 observations.
 
     Row t of ``actions`` was applied to row t of the observations, and led to row t + 1. Positions are in metres in the
     robot frame, rotations xyzw, joints radians (slides: metres).
@@ -47,23 +47,23 @@ class Demonstration:
     rate: float  # steps a second
     joint_positions: Floats  # (T + 1, dof)
     joint_velocities: Floats  # (T + 1, dof)
-    tip: Floats  # (T + 1, 7) the cup's tip, and how it is turned from straight down
-    suction: npt.NDArray[np.bool_]  # (T + 1,) whether something is held
+    tip: Floats  # (T + 1, 7) position of the cup's tip, rotation from straight down
+    suction: npt.NDArray[np.bool_]  # (T + 1,) whether the cup holds an object
     objects: Floats  # (T + 1, N, 7)
     object_names: tuple[str, ...]  # N, asset name and id in the instance
-    actions: Floats  # (T, dof + 1) joint positions to be at one step later, then suction: 1 on, -1 off
+    actions: Floats  # (T, dof + 1) joint positions at the next step, then suction: 1 on, -1 off
     rewards: Floats  # (T,) 1 for the step that solves the task, else 0
     strict: float  # strict score at the end, 0..1
     images: dict[str, npt.NDArray[np.uint8]] = field(
         default_factory=dict[str, npt.NDArray[np.uint8]]
     )  # (T + 1, H, W, 3)
     cameras: tuple[CameraModel, ...] = ()
-    attempt: int = 0  # which of the order's it was: with the order's seed, that of the variation
-    base_seed: int = 0  # of the instance that it varies, or is
+    attempt: int = 0  # number of the attempt; with the order's seed, the seed of the variation
+    base_seed: int = 0  # of the instance, or of the instance that it varies
 
     @property
     def steps(self) -> int:
-        """T, how many actions it has."""
+        """T, the number of actions."""
         return len(self.actions)
 
 
@@ -75,10 +75,10 @@ class Dropped(Frozen):
 
 
 class DatasetCard(Frozen):
-    """What a data set says of itself, apart from its episodes."""
+    """Description of a data set, apart from its episodes."""
 
     name: str  # of the task folder
-    id: str = ""  # of the data set, hexadecimal; by it the data set is known wherever it lies
+    id: str = ""  # of the data set, hexadecimal; identifies the data set wherever it lies
     # absolute output path; written only into the arguments of the environment
     folder: str = Field(default="", exclude=True)
     robot: str
@@ -86,11 +86,11 @@ class DatasetCard(Frozen):
     joint_names: tuple[str, ...]
     object_names: tuple[str, ...]
     cameras: tuple[CameraModel, ...]
-    versions: dict[str, str]  # of what the result depends on
+    versions: dict[str, str]  # of the packages that the result depends on
 
     @property
     def environment_arguments(self) -> dict[str, Any]:
-        """The arguments of ``GRS-v0`` by which it begins in the episodes' instances, and acts as the episodes did."""
+        """Arguments of ``GRS-v0`` for the episodes' instances and control."""
         shown = {"cameras": [camera.name for camera in self.cameras]} if self.cameras else {}
         size = {"image_size": [self.cameras[0].height, self.cameras[0].width]} if self.cameras else {}
         acts = {"control": "joint_position", "normalized": False, "reward": "sparse"}
@@ -98,7 +98,7 @@ class DatasetCard(Frozen):
 
 
 class DatasetSummary(Frozen):
-    """What was written."""
+    """Summary of a written data set."""
 
     format: Format
     out: str
@@ -110,6 +110,6 @@ class DatasetSummary(Frozen):
 
 
 def installed_versions() -> dict[str, str]:
-    """The versions that a demonstration depends on."""
+    """Versions of the packages that a demonstration depends on."""
     packages = {name: importlib.metadata.version(name) for name in ("mujoco", "numpy")}
     return {"grs-agents": __version__, "python": platform.python_version(), **packages}

@@ -1,1 +1,1 @@
-"""Environments of a task instance: one episode core, gymnasium, LeRobot."""
+"""Environments of a task instance: gymnasium, LeRobot, and the episodes beneath them."""

@@ -1,4 +1,4 @@
-"""How actions move the robot: whole picks and pushes, steps of the tip, or joint positions."""
+"""Controls: actions as whole picks and pushes, steps of the tip, or joint positions."""
 
 import math
 from typing import Final, Literal, Protocol, get_args
@@ -16,12 +16,13 @@ from grs_agents.tasks.envs.task_episode import TaskEpisode
 ControlName = Literal["pick_place", "push", "ee_delta", "joint_position"]
 CONTROLS: Final[tuple[ControlName, ...]] = get_args(ControlName)
 LARGEST_STEP, LARGEST_TURN = 0.03, 0.2
-"""Of the tip in one control period of ``ee_delta``: metres along each axis, radians about the vertical."""
+"""Largest step of the tip in a control period of ``ee_delta``: metres along each axis, radians about the vertical."""
 _LOWEST: Final = 0.001
+"""Lowest target height of the tip, metres."""
 _WORKSPACE: Final = ((0.1, 0.9), (-0.75, 0.75))
-"""Where primitives may pick, place and push: bounds of x and of y, metres."""
+"""Bounds of x and y for primitives, metres."""
 _PERIODS_PER_ACTION: Final = 150
-"""Control periods that an episode has for each action that the task allows: the expert needs about half of them."""
+"""Control periods of an episode for each action that the task allows: the expert needs about half."""
 
 
 class Control(Protocol):
@@ -35,16 +36,16 @@ class Control(Protocol):
         ...
 
     def apply(self, action: FloatArray) -> dict[str, object]:
-        """Do an action (D,) within the bounds; returns what is to be told of it."""
+        """Carry out an action (D,) within the bounds; returns entries of ``info``."""
         ...
 
     def horizon(self, max_steps: int) -> int:
-        """Actions of an episode whose task allows so many picks or pushes."""
+        """Actions of an episode whose task allows ``max_steps`` picks or pushes."""
         ...
 
 
 class JointPositionControl:
-    """Joint positions to be at one control period later (rad, or m of a slide), then suction: on above 0."""
+    """Joint positions at the end of the control period (rad, or m of a slide), then suction: on above 0."""
 
     def __init__(self, arm: Arm) -> None:
         self.low = np.append(arm.lower_joint_limits, -1.0)
@@ -55,7 +56,7 @@ class JointPositionControl:
         self._controller = JointController(episode.physics)
 
     def apply(self, action: FloatArray) -> dict[str, object]:
-        """Simulate one control period."""
+        """Simulate a control period."""
         self._controller.apply(action[:-1], bool(action[-1] > 0))
         return {"blocked": self._controller.blocked}
 
@@ -65,8 +66,10 @@ class JointPositionControl:
 
 
 class EeDeltaControl:
-    """Steps of the tip along x, y and z, a turn about the vertical, each as a share of the largest, and suction: on
-    above 0. The tool points down; where the arm cannot go it stays."""
+    """Steps of the tip along x, y, z and a turn about the vertical, as shares of the largest, then suction: on above 0.
+
+    The tool points down; the arm stays where a step is out of reach.
+    """
 
     def __init__(self) -> None:
         self.low, self.high = np.full(5, -1.0), np.full(5, 1.0)
@@ -74,10 +77,10 @@ class EeDeltaControl:
 
     def begin(self, episode: TaskEpisode) -> None:
         """An episode begins."""
-        self._arm, self._controller = episode.env.arm, JointController(episode.physics)
+        self._arm, self._controller = episode.sim.arm, JointController(episode.physics)
 
     def apply(self, action: FloatArray) -> dict[str, object]:
-        """Simulate one control period."""
+        """Simulate a control period."""
         here = self._controller.reference
         tip, rotation = self._arm.tip_pose(here)
         x, y, z, turn = (self._scale * action[:4]).tolist()
@@ -94,13 +97,15 @@ class EeDeltaControl:
 
 
 class PrimitiveControl:
-    """A whole pick and place, or a push: from x, y to x, y (m), and how far what is picked is turned (rad). The heights
-    are those of what lies there."""
+    """A whole pick and place, or a push: from x, y to x, y (m), and the turn of the picked object (rad).
+
+    Heights are those of the surfaces there.
+    """
 
     def __init__(self, push: bool) -> None:
         (x0, x1), (y0, y1) = _WORKSPACE
         turn = () if push else (math.pi,)
-        self.low = np.array([x0, y0, x0, y0, *(-one for one in turn)])
+        self.low = np.array([x0, y0, x0, y0, *(-angle for angle in turn)])
         self.high = np.array([x1, y1, x1, y1, *turn])
         self._push = push
 
@@ -109,17 +114,18 @@ class PrimitiveControl:
         self._episode = episode
 
     def apply(self, action: FloatArray) -> dict[str, object]:
-        """Do all of the motion; ``note`` says what came of it."""
-        env, values = self._episode.env, action.tolist()
+        """Carry out the whole motion; ``note`` says how it went."""
+        physics, values = self._episode.physics, action.tolist()
         (x0, y0, x1, y1), turn = values[:4], 0.0 if self._push else values[4]
         low = high = 0.0
         if not self._push:
-            low, _ = env.physics.surface_height_below(x0, y0)
-            high, _ = env.physics.surface_height_below(x1, y1)
+            low, _ = physics.surface_height_below(x0, y0)
+            high, _ = physics.surface_height_below(x1, y1)
         start: Pose = ((x0, y0, low), (0.0, 0.0, 0.0, 1.0))
         end: Pose = ((x1, y1, low + high), (0.0, 0.0, math.sin(turn / 2), math.cos(turn / 2)))
-        env.step({"pose0": start, "pose1": end})
-        return {"note": env.recorder.actions[-1].note}
+        episode = self._episode.current
+        episode.step({"pose0": start, "pose1": end})
+        return {"note": episode.recorder.actions[-1].note}
 
     def horizon(self, max_steps: int) -> int:
         """Picks or pushes."""
@@ -127,7 +133,7 @@ class PrimitiveControl:
 
 
 def make_control(name: str, instance: TaskInstance, arm: Arm) -> Control:
-    """The control of a name for tasks like ``instance``; raises ``InputError`` where the tool is another one."""
+    """The control of a name for tasks like ``instance``; raises ``InputError`` for another hand."""
     if name not in CONTROLS:
         raise UnknownNameError("control", name, CONTROLS)
     if name in ("pick_place", "push"):

@@ -10,7 +10,6 @@ import numpy.typing as npt
 from grs_agents.base.errors import InputError, UnknownNameError
 from grs_agents.sim.arms.registry import get_arm
 from grs_agents.sim.instance.episode import SimulationError
-from grs_agents.sim.instance.task_instance import TaskInstance
 from grs_agents.sim.motion.joint_controller import CONTROL_RATE
 from grs_agents.sim.rendering.scene_cameras import Backend
 from grs_agents.sim.variation.types import Variation
@@ -19,7 +18,7 @@ from grs_agents.tasks.envs.controls import make_control
 from grs_agents.tasks.envs.pictures import FARTHEST, Photographer
 from grs_agents.tasks.envs.state import StateReader
 from grs_agents.tasks.envs.task_episode import TaskEpisode
-from grs_agents.tasks.task_folder import TaskFolder, find_dataset_folder, open_task_folder
+from grs_agents.tasks.task_folder import find_dataset_folder, open_task_folder
 
 try:
     import gymnasium
@@ -31,7 +30,7 @@ Reward = Literal["dense", "sparse"]
 REWARDS: Final = ("dense", "sparse")
 _RENDERED: Final = (480, 640)
 _DRAWS: Final = 5
-"""How often a variation is drawn for which no free place was found."""
+"""Tries of a variation without a free place."""
 _METADATA: Final[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": round(CONTROL_RATE)}
 Observation = dict[str, npt.NDArray[Any]]
 
@@ -41,26 +40,25 @@ class GrsEnv(gymnasium.Env[Any, Any]):
 
     Args:
         run: the folder.
-        control: what an action is: ``pick_place``, ``ee_delta`` or ``joint_position``; ``push`` in place of
+        control: kind of action: ``pick_place``, ``ee_delta`` or ``joint_position``; ``push`` in place of
             ``pick_place`` where the robot has a spatula.
-        cameras: whose pictures are observed: ``photo`` (where the instance has a camera), ``front``, ``wrist``.
-        modalities: what of them: ``rgb``, ``depth``, ``masks``.
+        cameras: observed cameras: ``photo`` (if the instance has a camera), ``front``, ``wrist``.
+        modalities: of their pictures: ``rgb``, ``depth``, ``masks``.
         image_size: rows and columns.
-        reward: ``sparse`` is 1 for the step that solves the task, ``dense`` adds how much nearer each step brings it.
-        variation: how far an episode may differ from its instance, a ``Variation`` or its fields; None not at all.
-        normalized: actions are shares, -1..1, of their ranges; False: in the units of the control (m, rad), as data
-            sets have them.
-        seeds: of the instances that there are; None for all of the folder.
-        horizon: actions until an episode is cut off; None for a number that leaves time to spare.
+        reward: ``sparse`` is 1 for the step that solves the task, ``dense`` adds a shaping potential's change.
+        variation: of each episode against its instance, a ``Variation`` or its fields; None for none.
+        normalized: actions are scaled to -1..1; False: in the units of the control (m, rad), as in data sets.
+        seeds: of the instances used; None for all of the folder.
+        horizon: actions until an episode is truncated; None for a generous number.
         renderer: ``auto``, ``egl``, ``osmesa`` or ``rays``.
         render_mode: ``rgb_array`` or None.
-        dataset: which data set ``run`` is, as data sets name themselves; one that was moved is found by it in the
-            folders of the files that the command line names, in ``MINARI_DATASETS_PATH`` and in the current folder.
+        dataset: id of the data set in ``run``. A data set that was moved is looked up by it in the folders of files
+            named on the command line, in ``MINARI_DATASETS_PATH`` and in the current folder.
 
-    An episode ends (``terminated``) when the task is solved, by the strict score with nothing held. ``info`` has
+    An episode ends (``terminated``) when the task is solved, by the strict score with an empty cup. ``info`` has
     ``is_success``, ``instance`` (its seed), and at the end ``strict_score``. ``reset(seed=...)`` begins in the instance
-    of that seed if there is one, else in that of a number that depends on it;
-    ``reset(options={"instance": ...})`` names one. The same seed gives the same episode, to the bit.
+    of that seed, if it exists, else in an instance that depends on the seed; ``reset(options={"instance": ...})`` names
+    an instance. Equal seeds give equal episodes, to the bit.
 
     Raises ``InputError`` for a folder or an argument that cannot be used.
     """
@@ -88,44 +86,64 @@ class GrsEnv(gymnasium.Env[Any, Any]):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise UnknownNameError("render_mode", str(render_mode), self.metadata["render_modes"])
         self.folder = open_task_folder(Path(run) if dataset is None else find_dataset_folder(Path(run), dataset))
-        self.instances = _read_instances(self.folder, seeds)
+        self.instances = {
+            seed: self.folder.read_instance(seed) for seed in (self.folder.seeds if seeds is None else seeds)
+        }
+        if not self.instances:
+            raise InputError(f"{self.folder.path}: no instance was asked for", "name at least one seed")
+        kinds = {(item.robot, item.primitive, item.timestep) for item in self.instances.values()}
+        if len(kinds) > 1:
+            found = f"{self.folder.path} has instances for different robots: {sorted(kinds)}"
+            raise InputError(found, "choose some by seeds=")
         self.render_mode = render_mode
-        self._dense, self._variation = reward == "dense", _parse_variation(variation)
+        if variation is not None and not isinstance(variation, Variation):
+            try:
+                variation = Variation(**variation)
+            except ValueError as error:
+                raise InputError(
+                    f"variation {dict(variation)}: {error}", f"use fields {list(Variation.model_fields)}"
+                ) from error
+        self._dense, self._variation = reward == "dense", variation
         self._instance = first = next(iter(self.instances.values()))
         arm = get_arm(first.robot)
         self._control = make_control(control, first, arm)
         self._state = StateReader(arm, max(len(instance.task_objects) for instance in self.instances.values()))
         self._photographer = Photographer(cameras, modalities, (image_size[0], image_size[1]), renderer)
         self._renderer = Photographer(("front",), ("rgb",), _RENDERED, renderer)
-        self._check_photo_camera_known()
-        self.horizon = horizon or self._control.horizon(max(one.max_steps for one in self.instances.values()))
+        if "photo" in self._photographer.cameras and any(item.camera is None for item in self.instances.values()):
+            raise InputError(
+                f"{self.folder.path} does not say where its photo was taken from", "leave the camera photo out"
+            )
+        self.horizon = horizon or self._control.horizon(max(item.max_steps for item in self.instances.values()))
         self.episode = TaskEpisode(self.folder.library)
         low, high = self._control.low, self._control.high
         self._middle = (low + high) / 2 if normalized else np.zeros(len(low))
         self._reach = (high - low) / 2 if normalized else np.ones(len(low))
         least, most = (((bound - self._middle) / self._reach).astype(np.float32) for bound in (low, high))
         self.action_space = spaces.Box(least, most, dtype=np.float32)
-        self.observation_space = spaces.Dict({**self._state_spaces(), **self._picture_spaces()})
+        lowest, highest = self._state.low, self._state.high
+        state = {name: spaces.Box(lowest[name], highest[name], dtype=np.float32) for name in self._state.shapes}
+        self.observation_space = spaces.Dict({**state, **self._picture_spaces()})
         self._steps, self._potential = 0, 0.0
         self._observation: Observation = {}
 
     @property
     def task_description(self) -> str:
-        """What the present episode asks for, in words."""
+        """The present task in words."""
         return self._instance.language
 
     @property
     def cameras(self) -> tuple[str, ...]:
-        """Those whose pictures are observed."""
+        """Names of the observed cameras."""
         return self._photographer.cameras
 
     @property
     def renderer(self) -> str:
-        """What pictures are drawn with in the present episode: ``egl``, ``osmesa`` or ``rays``."""
+        """Renderer of the present episode: ``egl``, ``osmesa`` or ``rays``."""
         return self._photographer.backend
 
     def take_pictures(self) -> Observation:
-        """The pictures that are observed, as they are now."""
+        """Pictures of the observed cameras now."""
         return self._photographer.take()
 
     @property
@@ -135,17 +153,35 @@ class GrsEnv(gymnasium.Env[Any, Any]):
 
     @property
     def _max_episode_steps(self) -> int:
-        """As LeRobot asks for it."""
+        """The horizon under LeRobot's name."""
         return self.horizon
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode; raises ``UnknownNameError`` for an instance that is not there, ``SimulationError`` for one
-        that cannot be set up."""
+        """Begin an episode.
+
+        Raises ``UnknownNameError`` for an unknown instance, ``SimulationError`` for a scene that cannot be set up.
+        """
         super().reset(seed=seed)
-        self._chosen = self._choose_instance(seed, (options or {}).get("instance"))
-        self._instance = self._draw_varied_instance(self.instances[self._chosen])
+        known, wanted = tuple(self.instances), (options or {}).get("instance")
+        if wanted is not None:
+            if wanted not in self.instances:
+                raise UnknownNameError("instance", str(wanted), tuple(map(str, known)))
+            self._chosen = int(wanted)
+        elif seed is not None:
+            self._chosen = seed if seed in self.instances else known[seed % len(known)]
+        else:
+            self._chosen = known[int(self.np_random.integers(len(known)))]
+        self._instance = self.instances[self._chosen]
+        if self._variation is not None:
+            for left in reversed(range(_DRAWS)):
+                try:
+                    self._instance = vary_instance(self._instance, self._variation, self.np_random, self.folder.library)
+                    break
+                except SimulationError:
+                    if not left:
+                        raise
         self.episode.begin(self._instance)
         for part in (self._control, self._state, self._photographer, self._renderer):
             part.begin(self.episode)
@@ -154,8 +190,10 @@ class GrsEnv(gymnasium.Env[Any, Any]):
         return self._observation, {"is_success": False, "instance": self._chosen}
 
     def step(self, action: npt.NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Act, for one control period or one whole pick or push; actions beyond the bounds are held to them. Where the
-        physics diverges the episode is cut off: ``info["error"]`` says so, the observation is the one before."""
+        """Act for a control period, or a whole pick or push; actions are clipped to their bounds.
+
+        If the physics diverges the episode is truncated: ``info["error"]`` says so, the observation is the last one.
+        """
         self._steps, before = self._steps + 1, self._potential
         truncated, solved = self._steps >= self.horizon, False
         info: dict[str, Any] = {"instance": self._chosen}
@@ -176,48 +214,17 @@ class GrsEnv(gymnasium.Env[Any, Any]):
         return self._observation, reward, solved, truncated and not solved, info
 
     def render(self) -> npt.NDArray[np.uint8] | None:
-        """(480, 640, 3) what the front camera sees, where ``render_mode`` asks for it."""
+        """Picture (480, 640, 3) of the front camera in ``render_mode`` ``rgb_array``, else None."""
         return self._renderer.take()["front_rgb"] if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:
-        """Give back what drawing holds."""
+        """Release the renderers."""
         self._photographer.close()
         self._renderer.close()
-
-    def _choose_instance(self, seed: int | None, wanted: Any) -> int:
-        known = tuple(self.instances)
-        if wanted is not None:
-            if wanted not in self.instances:
-                raise UnknownNameError("instance", str(wanted), tuple(map(str, known)))
-            return int(wanted)
-        if seed is not None:
-            return seed if seed in self.instances else known[seed % len(known)]
-        return known[int(self.np_random.integers(len(known)))]
-
-    def _draw_varied_instance(self, instance: TaskInstance) -> TaskInstance:
-        if self._variation is None:
-            return instance
-        for left in reversed(range(_DRAWS)):
-            try:
-                return vary_instance(instance, self._variation, self.np_random, self.folder.library)
-            except SimulationError:
-                if not left:
-                    raise
-        raise AssertionError("unreachable")
 
     def _update_observation(self) -> None:
         state, progress = self._state.read()
         self._observation, self._potential = {**state, **self.take_pictures()}, progress.potential
-
-    def _check_photo_camera_known(self) -> None:
-        if "photo" in self._photographer.cameras and any(one.camera is None for one in self.instances.values()):
-            raise InputError(
-                f"{self.folder.path} does not say where its photo was taken from", "leave the camera photo out"
-            )
-
-    def _state_spaces(self) -> dict[str, spaces.Space[Any]]:
-        low, high = self._state.low, self._state.high
-        return {name: spaces.Box(low[name], high[name], dtype=np.float32) for name in self._state.shapes}
 
     def _picture_spaces(self) -> dict[str, spaces.Space[Any]]:
         rows, columns = self._photographer.size
@@ -232,24 +239,3 @@ class GrsEnv(gymnasium.Env[Any, Any]):
             for camera in self._photographer.cameras
             for modality in self._photographer.modalities
         }
-
-
-def _read_instances(folder: TaskFolder, seeds: Sequence[int] | None) -> dict[int, TaskInstance]:
-    instances = {seed: folder.read_instance(seed) for seed in (folder.seeds if seeds is None else seeds)}
-    if not instances:
-        raise InputError(f"{folder.path}: no instance was asked for", "name at least one seed")
-    kinds = {(one.robot, one.primitive, one.timestep) for one in instances.values()}
-    if len(kinds) > 1:
-        raise InputError(f"{folder.path} has instances for different robots: {sorted(kinds)}", "choose some by seeds=")
-    return instances
-
-
-def _parse_variation(variation: Variation | Mapping[str, Any] | None) -> Variation | None:
-    if variation is None or isinstance(variation, Variation):
-        return variation
-    try:
-        return Variation(**variation)
-    except ValueError as error:
-        raise InputError(
-            f"variation {dict(variation)}: {error}", f"use fields {list(Variation.model_fields)}"
-        ) from error

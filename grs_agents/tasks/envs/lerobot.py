@@ -1,7 +1,6 @@
-"""The environment as LeRobot asks for it: what its EnvHub calls, with the keys and units of LeRobot data sets."""
+"""The environment for LeRobot's EnvHub, with the keys and units of LeRobot data sets."""
 
 from collections.abc import Mapping
-from functools import partial
 from pathlib import Path
 from typing import Any, Final, cast
 
@@ -13,7 +12,7 @@ from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 from grs_agents.tasks.envs.gym_environment import GrsEnv
 
 _AGENT: Final = ("joint_positions", "suction")
-"""Parts of the state that ``agent_pos`` has; then the position of the tip."""
+"""Parts of the state in ``agent_pos``, followed by the position of the tip."""
 
 _SIDES: Final = ("low", "high")
 
@@ -22,7 +21,7 @@ class LeRobotEnv(gymnasium.ObservationWrapper[dict[str, Any], Any, dict[str, Any
     """Observations under the keys that LeRobot renames to those of its data sets.
 
     * ``pixels``: a picture (H, W, 3) uint8 of each camera, by its name.
-    * ``agent_pos`` (dof + 4,): joint positions, whether something is held, the position of the tip.
+    * ``agent_pos`` (dof + 4,): joint positions, suction holding, position of the tip.
     * ``environment_state`` (7 N,): the poses of the task's objects.
     """
 
@@ -42,7 +41,7 @@ class LeRobotEnv(gymnasium.ObservationWrapper[dict[str, Any], Any, dict[str, Any
         self.observation_space = spaces.Dict(renamed)
 
     def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
-        """What LeRobot is told."""
+        """The observation under LeRobot's keys."""
         return self._to_lerobot_observation(observation)
 
     def _to_lerobot_observation(self, observation: Mapping[str, Any]) -> dict[str, Any]:
@@ -63,11 +62,11 @@ def make_env(
 
     Args:
         run: the folder of the task, as for ``GrsEnv``.
-        n_envs: how many environments run side by side.
-        use_async_envs: each in a process of its own.
-        cfg: LeRobot's ``EnvConfig``, if it gives one: ``episode_length``, ``camera_name``, ``observation_height`` and
-            ``observation_width`` are heeded.
-        arguments: others of ``GrsEnv``.
+        n_envs: number of environments.
+        use_async_envs: run each in a process of its own.
+        cfg: LeRobot's ``EnvConfig`` or None; its ``episode_length``, ``camera_name``, ``observation_height`` and
+            ``observation_width`` are used.
+        arguments: further arguments of ``GrsEnv``.
 
     Actions are those of our data sets: joint positions, then suction.
     """
@@ -77,26 +76,20 @@ def make_env(
         "reward": "sparse",
         "render_mode": "rgb_array",
     }
-    make_one = partial(_make_single_lerobot_env, run, {**given, **_read_lerobot_config(cfg), **arguments})
-    envs = [make_one] * n_envs
+    if (length := getattr(cfg, "episode_length", None)) is not None:
+        given["horizon"] = int(length)
+    if (names := getattr(cfg, "camera_name", None)) is not None:
+        given["cameras"] = tuple(names.split(",")) if isinstance(names, str) else tuple(names)
+    height, width = (getattr(cfg, f"observation_{side}", None) for side in ("height", "width"))
+    if height and width:
+        given["image_size"] = (int(height), int(width))
+    given |= arguments
+
+    def make_environment() -> LeRobotEnv:
+        return LeRobotEnv(GrsEnv(run, **given))
+
+    envs = [make_environment] * n_envs
     # LeRobot reads an episode's success from ``final_info``, which this mode alone gives.
     kinds = AsyncVectorEnv if use_async_envs else SyncVectorEnv
     vector = kinds(envs, autoreset_mode=AutoresetMode.SAME_STEP)
     return {str(vector.get_attr("task")[0]): {0: vector}}
-
-
-def _make_single_lerobot_env(run: str | Path, arguments: Mapping[str, Any]) -> LeRobotEnv:
-    return LeRobotEnv(GrsEnv(run, **arguments))
-
-
-def _read_lerobot_config(cfg: Any) -> dict[str, Any]:
-    """Arguments of ``GrsEnv`` from the fields that LeRobot's own environments have."""
-    found: dict[str, Any] = {}
-    if (length := getattr(cfg, "episode_length", None)) is not None:
-        found["horizon"] = int(length)
-    if (names := getattr(cfg, "camera_name", None)) is not None:
-        found["cameras"] = tuple(names.split(",")) if isinstance(names, str) else tuple(names)
-    height, width = (getattr(cfg, f"observation_{side}", None) for side in ("height", "width"))
-    if height and width:
-        found["image_size"] = (int(height), int(width))
-    return found

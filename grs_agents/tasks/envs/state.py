@@ -1,4 +1,4 @@
-"""The state that environments tell: the robot's and the objects', as named arrays of one precision."""
+"""State observations of environments: robot and objects as named float32 arrays."""
 
 from typing import Final
 
@@ -7,14 +7,14 @@ import numpy.typing as npt
 
 from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.sim.arms.arm import Arm
-from grs_agents.tasks.envs.goal_progress import GoalProgress, Progress
+from grs_agents.tasks.envs.goal_progress import GoalProgress, ShapingState
 from grs_agents.tasks.envs.task_episode import TaskEpisode
 
 Floats = npt.NDArray[np.float32]
 _FARTHEST: Final = 3.0
-"""Metres from the base that a coordinate is told as at most."""
+"""Bound of observed coordinates, metres from the base."""
 _FASTEST: Final = 10.0
-"""Radians a second that a joint's speed is told as at most."""
+"""Bound of observed joint speeds, rad/s."""
 _POSE: Final = [_FARTHEST] * 3 + [1.0] * 4
 
 
@@ -23,11 +23,11 @@ class StateReader:
 
     * ``joint_positions``, ``joint_velocities`` (dof,): rad and rad/s (slides: m).
     * ``tip`` (7,): the tool's tip, position (m) and rotation (xyzw) from straight down.
-    * ``suction`` (1,): 1 while something is held.
-    * ``held`` (N,): 1 for the object that is.
+    * ``suction`` (1,): 1 while an object is held.
+    * ``held`` (N,): 1 for that object.
     * ``objects`` (N, 7): poses of the task's objects, in the instance's order; zeros for rows beyond them.
-    * ``targets`` (N, 7): where a goal wants each of them, its own pose for what none wants anywhere.
-    * ``open`` (N,): 1 for those that are not there yet.
+    * ``targets`` (N, 7): the place that a goal wants each of them at, its own pose without any.
+    * ``open`` (N,): 1 for objects that are not at their place yet.
     """
 
     def __init__(self, arm: Arm, rows: int) -> None:
@@ -70,8 +70,8 @@ class StateReader:
         self._bodies = np.array([world.bodies[number] for number in episode.object_ids], dtype=np.intp)
         self._row_of = {number: row for row, number in enumerate(episode.object_ids)}
 
-    def read(self) -> tuple[dict[str, Floats], Progress]:
-        """The state now, and how near the task is to being solved."""
+    def read(self) -> tuple[dict[str, Floats], ShapingState]:
+        """The state now, and the objects' progress."""
         physics = self._episode.physics
         data, dof, count = physics.data, self._dof, len(self._bodies)
         held = physics.held_object_id

@@ -1,4 +1,4 @@
-"""An episode of an instance's task: the simulation that trusted rollouts run, begun again and again."""
+"""Episodes of task instances on a simulated table, for environments and demonstrations."""
 
 from typing import Final
 
@@ -6,62 +6,71 @@ import numpy as np
 
 from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.library.library import Library
-from grs_agents.sim.cliport.environment import Environment
+from grs_agents.sim.goals.scores import SOLVED
 from grs_agents.sim.goals.strict_score import StrictScorer
 from grs_agents.sim.instance.task_instance import TaskInstance
-from grs_agents.sim.rollouts import InstanceTask
+from grs_agents.sim.tabletop import TabletopSim
+from grs_agents.sim.tabletop_episode import InstanceEpisode, InstanceTask, change_instance
 from grs_agents.sim.world.physics import Physics
 
-SOLVED: Final = 0.985
-"""Strict score from which on a task is solved."""
 _BUDGET: Final = 10**15
-"""Simulated steps: none of it runs code that could ask for too many."""
+"""Simulated steps: no limit, since no generated code runs here."""
 
 
 class TaskEpisode:
-    """The present episode. What was compiled for one instance serves others that differ in their objects' places."""
+    """The present episode; instances that differ in their objects' poses alone share a compiled world.
 
-    env: Environment
-    task: InstanceTask
+    Attributes:
+        sim: the table.
+        current: the episode of the present instance.
+        instance: the present instance.
+        object_ids: ids of the task's objects on the table, in the instance's order.
+    """
+
+    sim: TabletopSim
+    current: InstanceEpisode
     instance: TaskInstance
-    object_ids: tuple[int, ...]  # of the task's objects in ``env``, in the instance's order
+    object_ids: tuple[int, ...]
 
     def __init__(self, library: Library) -> None:
         self.library = library
         self._robot: str | None = None
 
     def begin(self, instance: TaskInstance) -> None:
-        """Set the scene of an instance up and let it settle; raises ``SimulationError`` where that cannot be."""
+        """Set the scene of an instance up and let it settle; raises ``SimulationError`` if that fails."""
         if self._robot != instance.robot:
-            self.env = Environment(library=self.library, seed=instance.seed, budget=_BUDGET, robot=instance.robot)
+            self.sim = TabletopSim(self.library, seed=instance.seed, budget=_BUDGET, robot=instance.robot)
             self._robot = instance.robot
-        self.instance, self.task = instance, InstanceTask(instance)
-        self.env.set_task(self.task)
-        self.env.timestep = instance.timestep
-        self.env.reset()
+        self.instance, self.current = instance, change_instance(self.sim, instance)
+        self.current.reset()
         self.object_ids = tuple(self.task.ids[item.id] for item in instance.task_objects)
-        self._scorer = StrictScorer(self.task, self.env)
+        self._scorer = StrictScorer(self.task, self.sim)
         self._judged, self._solved = self._object_state(), False
+
+    @property
+    def task(self) -> InstanceTask:
+        """The task of the present instance."""
+        return self.current.task
 
     @property
     def physics(self) -> Physics:
         """The running world."""
-        return self.env.physics
+        return self.sim.physics
 
     @property
     def strict_score(self) -> float:
-        """How far every goal holds now, judged strictly, 0..1."""
+        """Strict score of all goals now, 0..1."""
         return self._scorer.measure_scene().strict
 
     def is_solved(self) -> bool:
-        """Whether nothing is held, every goal was met, and all hold strictly now."""
+        """Whether nothing is held, every goal was met, and both scores reach ``SOLVED``, as in the audit's rollouts."""
         if self.physics.held_object_id is not None:
             return False
         now = self._object_state()
         if not np.array_equal(now, self._judged):  # resting bodies sleep, and stay where they are to the bit
             self._judged = now
             self.task.reward()
-            self._solved = self.task.done() and self.strict_score >= SOLVED
+            self._solved = self.task.done() and min(self.task.get_reward(), self.strict_score) >= SOLVED
         return self._solved
 
     def _object_state(self) -> FloatArray:

@@ -1,4 +1,4 @@
-"""A folder that holds a scene and all of its files: it may be moved, and opens in plain MuJoCo."""
+"""Export of a scene as a self-contained folder that opens in plain MuJoCo."""
 
 import hashlib
 import re
@@ -22,15 +22,15 @@ from grs_agents.tasks.task_folder import TaskFolder
 
 SCENE, README, INSTANCE, ASSETS = "scene.xml", "README.md", "instance.json", "assets"
 _MARK: Final = "grs_instance"
-"""A text in the model: by it an earlier export is known, and the instance it was made of."""
+"""Name of the model's text that marks an export and holds the hash of its instance."""
 _REMEDY: Final = "name a new or empty folder with --out, or remove it"
 _MOST: Final = 1 << 26
-"""Bytes of an earlier export's XML that are looked through."""
+"""Most bytes read of an earlier export's XML."""
 
 
 @dataclass(frozen=True)
 class MjcfFolder:
-    """What was written."""
+    """Summary of an export."""
 
     folder: Path
     seed: int
@@ -49,7 +49,7 @@ def export_mjcf(task: TaskFolder, out: Path, seed: int | None = None, portable: 
     """Write the scene of a task instance to a folder of its own.
 
     Args:
-        task: where the instance is.
+        task: folder of the instance.
         out: a new or empty folder, or an earlier export, which is replaced.
         seed: of the instance, None for the first.
         portable: for MuJoCo 3.3 and dm_control too, see `build_mjcf_scene`.
@@ -66,61 +66,63 @@ def export_mjcf(task: TaskFolder, out: Path, seed: int | None = None, portable: 
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as temporary:
-            made = Path(temporary) / "made"
-            _write_folder(made, scene, task)
-            files = [file for file in made.rglob("*") if file.is_file()]
+            draft = Path(temporary) / "made"
+            _write_folder(draft, scene, task)
+            files = [file for file in draft.rglob("*") if file.is_file()]
             size = sum(file.stat().st_size for file in files)
             _check_output_folder(out)
             if out.exists():
                 shutil.rmtree(out)
-            made.rename(out)
+            draft.rename(out)
     except OSError as error:
         raise unwritable_error(out, error) from error
     return MjcfFolder(out, instance.seed, portable, hash_instance(instance), len(files), size)
 
 
 def _check_output_folder(out: Path) -> None:
-    """Refuse a folder with anything in it but an earlier export, and what is no folder, with an ``InputError``."""
+    """Raise ``InputError`` unless ``out`` is new, empty or an earlier export."""
     if out.is_symlink() or (out.exists() and not out.is_dir()):
         raise InputError(f"cannot write {out}: it is {'a link' if out.is_symlink() else 'no folder'}", _REMEDY)
     try:
         names = {entry.name for entry in out.iterdir()} if out.is_dir() else set[str]()
-        other = sorted(names - {SCENE, README, INSTANCE, ASSETS})
-        if other or (names and not _is_exported_mjcf(out / SCENE)):
-            what = f"something else, {other[0]}" if other else "something else than an export"
+        foreign, scene, mark = sorted(names - {SCENE, README, INSTANCE, ASSETS}), out / SCENE, f'<text name="{_MARK}"'
+        if foreign or (names and not (scene.is_file() and mark.encode() in read_bytes(scene, most=_MOST))):
+            what = f"something else, {foreign[0]}" if foreign else "something else than an export"
             raise InputError(f"{out} holds {what}", _REMEDY)
     except OSError as error:
         raise unwritable_error(out, error) from error
 
 
-def _is_exported_mjcf(scene: Path) -> bool:
-    return scene.is_file() and f'<text name="{_MARK}"'.encode() in read_bytes(scene, most=_MOST)
-
-
 def _write_folder(folder: Path, scene: MjcfScene, task: TaskFolder) -> None:
-    """Write everything into a folder that does not exist."""
+    """Write a new folder."""
     folder.mkdir()
     try:
         root = ElementTree.fromstring(scene.spec.to_xml())
         _copy_meshes_and_textures(folder, root, scene)
         if scene.portable:
-            _enable_multiccd(root)
+            # MuJoCo 4 always does multiccd and does not write it; with a single contact point bodies creep.
+            option = root.find("option")
+            assert option is not None, "a world has options of its own"
+            flag = option.find("flag")
+            (ElementTree.SubElement(option, "flag") if flag is None else flag).set("multiccd", "enable")
         write_text(folder / SCENE, ElementTree.tostring(root, encoding="unicode") + "\n")
         model: Any = mujoco.MjModel.from_xml_path(str(folder / SCENE))
     except ValueError as error:
         raise SimulationError(f"MuJoCo refuses the scene: {str(error)[:150]}", "mend what it names") from error
     write_bytes(folder / INSTANCE, read_bytes(task.files[scene.instance.seed]))
-    words = _read_task_name_and_description(task.path)
+    file = task.path / "task.json"
+    stated: Mapping[str, Any] = read_json(file, "restore it") if file.is_file() else {}
+    words = Words(str(stated.get("task-name", "")), str(stated.get("task-description", "")))
     write_text(folder / README, write_readme_text(scene, model, task.library, words))
 
 
 def _copy_meshes_and_textures(folder: Path, root: ElementTree.Element, scene: MjcfScene) -> None:
-    """Copy every mesh and texture, equal ones once, and have the MJCF name the copies."""
+    """Copy every mesh and texture, equal files once, and point the MJCF to the copies."""
     names: dict[str, str] = {}
     robot = Path(scene.instance.robot).parent
     for tag, elements in (("mesh", scene.spec.meshes), ("texture", scene.spec.textures)):
         # The library's files are absolute, those of a user's own arm relative to it.
-        paths = {one.name: robot / str(getattr(one.compiler, f"{tag}dir")) / str(one.file) for one in elements}
+        paths = {part.name: robot / str(getattr(part.compiler, f"{tag}dir")) / str(part.file) for part in elements}
         for element in root.iterfind(f"asset/{tag}[@file]"):
             path = paths[element.attrib["name"]]
             data = read_bytes(path)
@@ -130,19 +132,3 @@ def _copy_meshes_and_textures(folder: Path, root: ElementTree.Element, scene: Mj
                 names[digest] = f"{ASSETS}/{stem}_{digest[:10]}{path.suffix.lower()}"
                 write_bytes(folder / names[digest], data)
             element.set("file", names[digest])
-
-
-def _enable_multiccd(root: ElementTree.Element) -> None:
-    """Tell MuJoCo 3.3 what version 4 does anyway and so leaves out: convex bodies touch at several points. With one
-    alone things creep over the table."""
-    option = root.find("option")
-    assert option is not None, "a world has options of its own"
-    flag = option.find("flag")
-    (ElementTree.SubElement(option, "flag") if flag is None else flag).set("multiccd", "enable")
-
-
-def _read_task_name_and_description(folder: Path) -> Words:
-    """Name and description of a run's task; empty where the folder has none."""
-    file = folder / "task.json"
-    value: Mapping[str, Any] = read_json(file, "restore it") if file.is_file() else {}
-    return Words(str(value.get("task-name", "")), str(value.get("task-description", "")))

@@ -1,15 +1,15 @@
-"""The README of an exported scene: what it is, what everything in it is called, and how suction is switched."""
+"""README of an exported scene: its contents, names, and the use of suction."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+from grs_agents.base.control_characters import escape_control_chars
 from grs_agents.base.mujoco_import import mujoco
-from grs_agents.base.terminal.control_characters import escape_control_chars
 from grs_agents.base.version import __version__
 from grs_agents.library.library import Library
 from grs_agents.sim.instance.goal import Goal
-from grs_agents.sim.instance.task_instance import InstanceObject, hash_instance
+from grs_agents.sim.instance.task_instance import hash_instance
 from grs_agents.sim.world.suction import HOLDING_FORCE, PEELING_MOMENT
 from grs_agents.tasks.export.mjcf_scene import GoalSite, MjcfScene
 
@@ -103,15 +103,25 @@ time, and the word that tells what a command means (`input`), which changes no m
 
 @dataclass(frozen=True)
 class Words:
-    """A task in words; empty where nobody says."""
+    """Name and description of a task; empty if unknown."""
 
     name: str
     description: str
 
 
 def write_readme_text(scene: MjcfScene, model: Any, library: Library, words: Words) -> str:
-    """The text, in Markdown; ``model`` is the scene's ``mujoco.MjModel``."""
+    """The README in Markdown; ``model`` is the scene's ``mujoco.MjModel``."""
     instance = scene.instance
+    if instance.primitive == "push":
+        suction = _SPATULA + (_SPATULA_LACKS if scene.portable else "")
+    else:
+        suction = _ADHESION if scene.portable else _WELDS
+    origin = [
+        f"- task instance: seed {instance.seed}, in `instance.json`",
+        f"- its SHA-256: `{hash_instance(instance)}`, also in the model's text `grs_instance`",
+        f"- written by grs-agents {__version__} with MuJoCo {mujoco.__version__}",
+        f"- {'portable: MuJoCo 3.3 and later, dm_control' if scene.portable else 'exact: MuJoCo 4'}",
+    ]
     parts = [
         f"# {_escape_markdown(words.name) or scene.spec.modelname}\n",
         *([f"{_escape_markdown(words.description)}\n"] if words.description else []),
@@ -119,20 +129,20 @@ def write_readme_text(scene: MjcfScene, model: Any, library: Library, words: Wor
         _OPEN + (_DM_CONTROL if scene.portable else ""),
         "## The task\n\n" + "\n".join(_goal_lines(instance.goals, scene.sites)) + "\n",
         "## What is in it\n\n" + "\n".join(_body_and_actuator_lines(scene, model, library)) + "\n",
-        _suction_text(scene),
-        "## Where it comes from\n\n" + "\n".join(_origin_lines(scene)) + "\n",
+        suction,
+        "## Where it comes from\n\n" + "\n".join(origin) + "\n",
     ]
     return "\n".join(parts)
 
 
 def _escape_markdown(text: str) -> str:
-    """A text of somebody else's in one line of Markdown, where it has no effect."""
+    """Foreign text as a line of Markdown without markup."""
     line = escape_control_chars(" ".join(text.split()))
     return "".join(f"\\{letter}" if letter in "\\`*_{}[]<>#|" else letter for letter in line)
 
 
 def _goal_lines(goals: Sequence[Goal], sites: Sequence[GoalSite]) -> Iterator[str]:
-    """One line for each goal: what it says, which objects it speaks of, which sites show it."""
+    """A line for each goal: its kind, objects, sentence and sites."""
     for index, goal in enumerate(goals):
         what = f"{goal.metric} goal" if goal.relation is None else f"relation *{goal.relation_kind}*"
         named = ", ".join(f"`object_{number}`" for number in goal.objects)
@@ -150,7 +160,10 @@ def _body_and_actuator_lines(scene: MjcfScene, model: Any, library: Library) -> 
     for item in instance.objects:
         mass = float(model.body(f"object_{item.id}").mass[0])
         moves = "freely" if item.id in scene.made.free else "no"
-        cells = (_describe_object(item, library), f"{mass:.3g}", moves, _describe_origin(item.asset, library))
+        asset = library.asset(item.asset)
+        role = ", a bystander: it should stay" if item.role == "bystander" else ""
+        what = _escape_markdown((f"{asset.kind}, filled in by the task" if item.fill else asset.description) + role)
+        cells = (what, f"{mass:.3g}", moves, _describe_origin(item.asset, library))
         yield f"| `object_{item.id}` | {' | '.join(cells)} |"
     if instance.background is not None:
         yield f"| `background` | what stands around, as photographed | | no | {_escape_markdown(instance.background)} |"
@@ -176,14 +189,8 @@ def _body_and_actuator_lines(scene: MjcfScene, model: Any, library: Library) -> 
     yield f"| time step | {instance.timestep:g} s |"
 
 
-def _describe_object(item: InstanceObject, library: Library) -> str:
-    asset = library.asset(item.asset)
-    role = ", a bystander: it should stay" if item.role == "bystander" else ""
-    return _escape_markdown((f"{asset.kind}, filled in by the task" if item.fill else asset.description) + role)
-
-
 def _describe_origin(name: str, library: Library) -> str:
-    """Asset, and its licence as far as the library knows it."""
+    """Asset with its origin and licence, as far as known."""
     asset = library.asset(name)
     if asset.origin is not None:
         return _escape_markdown(
@@ -193,17 +200,3 @@ def _describe_origin(name: str, library: Library) -> str:
         return _escape_markdown(f"{name}: made of the photo")
     shipped = any(library.asset_path(name).is_relative_to(root.resolve()) for root in Library().roots)
     return _escape_markdown(f"{name}: " + ("shipped with GRS, Apache-2.0" if shipped else "licence unknown"))
-
-
-def _suction_text(scene: MjcfScene) -> str:
-    if scene.instance.primitive == "push":
-        return _SPATULA + (_SPATULA_LACKS if scene.portable else "")
-    return _ADHESION if scene.portable else _WELDS
-
-
-def _origin_lines(scene: MjcfScene) -> Iterator[str]:
-    instance = scene.instance
-    yield f"- task instance: seed {instance.seed}, in `instance.json`"
-    yield f"- its SHA-256: `{hash_instance(instance)}`, also in the model's text `grs_instance`"
-    yield f"- written by grs-agents {__version__} with MuJoCo {mujoco.__version__}"
-    yield f"- {'portable: MuJoCo 3.3 and later, dm_control' if scene.portable else 'exact: MuJoCo 4'}"

@@ -1,4 +1,4 @@
-"""How hard a task is: figures of its scene, its expert, and of policies that do not know what the expert knows."""
+"""Grading: the difficulty of a task by its scene, its expert, and policies without the expert's knowledge."""
 
 from grs_agents.tasks.grading.primitive_policy import PrimitivePolicy as PrimitivePolicy
 from grs_agents.tasks.grading.primitive_task import PrimitiveTask as PrimitiveTask

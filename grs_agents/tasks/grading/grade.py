@@ -1,43 +1,73 @@
-"""How hard a task is, in one number that can be sorted by, with the figures that it is made of."""
+"""Difficulty of a task in a single number, with the figures that it is computed from."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
+from typing import Final
 
 import numpy as np
 
 from grs_agents.base import Frozen
 from grs_agents.base.errors import InputError
-from grs_agents.tasks.grading.measures import Clutter, Tolerance, measure_clutter, measure_tolerance
+from grs_agents.library.library import Library
+from grs_agents.library.shapes import ObjectModel
+from grs_agents.sim.instance.goal import Goal
+from grs_agents.sim.instance.task_instance import POSITION_TOLERANCE, TaskInstance
+from grs_agents.sim.world.collision_volumes import measure_inner_size
+from grs_agents.sim.world.footprints import collider_prisms_at_pose, distance_between_outlines
+from grs_agents.sim.world.spec import load_object_model
 from grs_agents.tasks.grading.trials import NOISES, GradeOrder, Show, Trials
 from grs_agents.tasks.task_folder import TaskFolder
 
+_WORKSPACE: Final = 0.5
+"""Area of the table for objects, m^2: 0.5 by 1 m."""
+_FAR: Final = 0.3
+"""Distance to obstacles in a scene without any, metres; also the tolerance of goals without a distance."""
+_BESIDE: Final = 0.005
+"""Height above an object's underside from which on an obstacle stands beside it, metres."""
+_ANY_YAW: Final = 180.0
+
+
+class Clutter(Frozen):
+    """Clutter of a scene."""
+
+    nearest: float  # mean distance from an object of a goal to the nearest obstacle, metres
+    objects_per_square_metre: float
+
+
+class Tolerance(Frozen):
+    """Tolerance of the strictest goal."""
+
+    metres: float
+    degrees: float  # of yaw; 180 for any yaw
+
 
 class GradePart(Frozen):
-    """One of the figures that a task's difficulty is made of."""
+    """A figure with its share in the difficulty."""
 
     name: str
     value: float
     unit: str
-    difficulty: float  # what it says, 0 easy .. 1 hard
-    weight: float  # its share of the whole
+    difficulty: float  # 0 easy .. 1 hard
+    weight: float  # in the mean
     meaning: str
 
 
 class Figures(Frozen):
-    """What was measured of a task."""
+    """Measurements of a task."""
 
     moves: float  # of the expert, mean
     clutter: Clutter
     tolerance: Tolerance
-    noise_success: tuple[tuple[float, float], ...]  # metres by which the hand misses, share solved strictly
-    half_noise: float  # metres by which the hand may miss until the expert solves half of what it does else
-    random_success: float | None  # None where the task is to push
+    noise_success: tuple[tuple[float, float], ...]  # error of the hand (m), share solved strictly
+    half_noise: float  # error of the hand (m) at which the expert's success halves
+    random_success: float | None  # None for pushing tasks
     learned_success: float | None
-    demonstrations: int  # that the learned policy had
+    demonstrations: int  # of the learned policy
 
 
 class Grade(Frozen):
-    """How hard a task is."""
+    """Difficulty of a task."""
 
     difficulty: float  # 0 easy .. 1 hard: the weighted mean of the parts
     parts: tuple[GradePart, ...]
@@ -52,45 +82,41 @@ def grade_task(
     Raises:
         InputError: the expert solves none of the variations.
     """
-    figures = _measure_task_difficulty(folder, Trials(folder, order, workers, show))
-    parts = _make_parts(figures)
-    difficulty = sum(part.weight * part.difficulty for part in parts) / sum(part.weight for part in parts)
-    return Grade(difficulty=round(difficulty, 3), parts=parts, figures=figures)
-
-
-def _measure_task_difficulty(folder: TaskFolder, trials: Trials) -> Figures:
+    trials = Trials(folder, order, workers, show)
     levels = trials.noise_levels()
-    moves = [one.moves for one in levels[0] if one.solved]
+    moves = [episode.moves for episode in levels[0] if episode.solved]
     if not moves:
         raise InputError(f"the expert solves no variation of {folder.path}", "name a task that was accepted")
-    success = tuple(zip(NOISES, [float(np.mean([one.solved for one in level])) for level in levels], strict=False))
+    shares = [float(np.mean([episode.solved for episode in level])) for level in levels]
+    success = tuple(zip(NOISES, shares, strict=False))
     bases = [folder.read_instance(seed) for seed in folder.seeds]
     pushes = any(base.primitive == "push" for base in bases)
     learned, demonstrations = (None, 0) if pushes else trials.learned_success()
-    return Figures(
+    clutters = [measure_clutter(base, folder.library) for base in bases]
+    tolerances = [measure_tolerance(base, folder.library) for base in bases]
+    figures = Figures(
         moves=float(np.mean(moves)),
-        clutter=_mean_clutter([measure_clutter(base, folder.library) for base in bases]),
-        tolerance=_tightest_tolerance([measure_tolerance(base, folder.library) for base in bases]),
+        clutter=Clutter(
+            nearest=float(np.mean([clutter.nearest for clutter in clutters])),
+            objects_per_square_metre=float(np.mean([clutter.objects_per_square_metre for clutter in clutters])),
+        ),
+        tolerance=Tolerance(
+            metres=min(tolerance.metres for tolerance in tolerances),
+            degrees=min(tolerance.degrees for tolerance in tolerances),
+        ),
         noise_success=success,
         half_noise=noise_at_half_success(success),
         random_success=None if pushes else trials.random_success(),
         learned_success=learned,
         demonstrations=demonstrations,
     )
-
-
-def _mean_clutter(found: Sequence[Clutter]) -> Clutter:
-    crowds = [one.objects_per_square_metre for one in found]
-    nearest = [one.nearest for one in found]
-    return Clutter(nearest=float(np.mean(nearest)), objects_per_square_metre=float(np.mean(crowds)))
-
-
-def _tightest_tolerance(found: Sequence[Tolerance]) -> Tolerance:
-    return Tolerance(metres=min(one.metres for one in found), degrees=min(one.degrees for one in found))
+    parts = _make_parts(figures)
+    difficulty = sum(part.weight * part.difficulty for part in parts) / sum(part.weight for part in parts)
+    return Grade(difficulty=round(difficulty, 3), parts=parts, figures=figures)
 
 
 def noise_at_half_success(levels: Sequence[tuple[float, float]]) -> float:
-    """Metres at which success is half of what it is at the first level, between two of them; else the last of them."""
+    """Error of the hand (m) at which success halves, interpolated between two levels; else the last level."""
     half = levels[0][1] / 2
     for (before, more), (after, less) in pairwise(levels):
         if less <= half < more:
@@ -109,7 +135,7 @@ _MEANINGS = {
 
 
 def _make_parts(figures: Figures) -> tuple[GradePart, ...]:
-    """Each figure with what it says of the difficulty; those that were not measured are left out."""
+    """Figures with their difficulties; figures that were not measured are left out."""
     moves, noise = figures.moves, figures.half_noise
     play, gap = figures.tolerance.metres, figures.clutter.nearest
     rows = [
@@ -125,3 +151,82 @@ def _make_parts(figures: Figures) -> tuple[GradePart, ...]:
         GradePart(name=name, value=value, unit=unit, difficulty=round(hard, 3), weight=weight, meaning=_MEANINGS[name])
         for name, value, unit, hard, weight in rows
     )
+
+
+def measure_clutter(instance: TaskInstance, library: Library) -> Clutter:
+    """Clutter of an instance at its start."""
+    prisms = {
+        item.id: collider_prisms_at_pose(load_object_model(item, library), item.pose, item.id)
+        for item in instance.objects
+    }
+    wanted = {number for goal in instance.goals for number in goal.objects if prisms[number]}
+    gaps: list[float] = []
+    for number in wanted:
+        parts = prisms[number]
+        low, high = min(prism.low for prism in parts), max(prism.high for prism in parts)
+        obstacles = [
+            prism
+            for key, row in prisms.items()
+            for prism in row
+            if key != number and prism.high > low + _BESIDE and prism.low < high
+        ]
+        gaps.append(
+            min(
+                (distance_between_outlines(part.outline, prism.outline) for part in parts for prism in obstacles),
+                default=_FAR,
+            )
+        )
+    solid = sum(bool(row) for row in prisms.values())
+    return Clutter(nearest=float(np.mean(gaps)) if gaps else _FAR, objects_per_square_metre=solid / _WORKSPACE)
+
+
+def measure_tolerance(instance: TaskInstance, library: Library) -> Tolerance:
+    """Least tolerance of an instance's goals."""
+    models = {item.id: load_object_model(item, library) for item in instance.objects}
+    tolerances = [pair for goal in instance.goals for pair in _goal_tolerances(goal, instance, models, library)]
+    return Tolerance(
+        metres=min((metres for metres, _ in tolerances), default=_FAR),
+        degrees=min((degrees for _, degrees in tolerances), default=_ANY_YAW),
+    )
+
+
+def _goal_tolerances(
+    goal: Goal, instance: TaskInstance, models: dict[int, ObjectModel], library: Library
+) -> Iterator[tuple[float, float]]:
+    """Tolerances (metres, degrees) of each object of a goal."""
+    for number, symmetry in zip(goal.objects, goal.symmetries, strict=True):
+        if goal.metric == "pose":
+            asked = goal.rotations and symmetry > 0
+            yield instance.pos_eps, math.degrees(instance.rot_eps) if asked else _ANY_YAW
+        elif goal.metric == "zone":
+            sharers = {member for other in instance.goals if other.zones == goal.zones for member in other.objects}
+            yield max(_max_offset_in_rectangle(zone.size[:2], number, sharers, models) for zone in goal.zones), _ANY_YAW
+        else:
+            yield _relation_position_tolerance(goal, number, instance.goals, models, library), _ANY_YAW
+
+
+def _relation_position_tolerance(
+    goal: Goal, number: int, goals: Sequence[Goal], models: dict[int, ObjectModel], library: Library
+) -> float:
+    """Position tolerance of an object of a typed goal, metres."""
+    kind = goal.relation_kind
+    if kind in ("inside", "in_zone"):
+        model = models[goal.reference_id]
+        room = measure_inner_size(model, library) if kind == "inside" else None
+        sharers = {member for other in goals if other.has_same_relation(goal) for member in other.objects}
+        return _max_offset_in_rectangle((room or model.size)[:2], number, sharers, models)
+    if kind in ("stacked", "on"):
+        carriers = goal.objects if kind == "stacked" else (goal.reference_id,)
+        return min(min(models[other].size[:2]) / 2 for other in carriers)
+    return {"aligned": POSITION_TOLERANCE, "near": goal.required_distance}.get(str(kind)) or _FAR
+
+
+def _max_offset_in_rectangle(
+    room: tuple[float, float], number: int, sharers: set[int], models: dict[int, ObjectModel]
+) -> float:
+    """Largest offset of an object in a rectangle, metres, limited by the sides and the area that others take."""
+    size = sorted(models[number].size[:2])
+    sides = [(have - need) / 2 for have, need in zip(sorted(room), size, strict=True)]
+    taken = sum(math.prod(models[member].size[:2]) for member in sharers)
+    spare = (math.sqrt(math.prod(room)) - math.sqrt(taken)) / 2
+    return max(0.0, min(*sides, spare))

@@ -1,8 +1,8 @@
-"""Imitation at the level of primitives, with numpy alone.
+"""Imitation learning at the level of primitives, with numpy alone.
 
-An expert is free to choose: which object is next, which of several slots it takes, which way it is turned. A regression
-would aim between the choices. So the policy first classifies (object, slot), where a slot is a cluster of the places at
-which the expert put that object, seen from its goal; then it regresses the place within the slot.
+The expert may choose the next object, one of several slots, and a rotation; a regression would aim between the choices.
+The policy therefore first classifies (object, slot), a slot being a cluster of places of that object in the frame of
+its goal; then it regresses the place within the slot.
 """
 
 from collections.abc import Sequence
@@ -17,78 +17,78 @@ from grs_agents.base.geometry.transforms import FloatArray
 
 IntArray = npt.NDArray[np.int_]
 _SPREAD: Final = 0.2
-"""Places closer than this are one slot; metres count tenfold, the sine and cosine of the yaw as they are."""
+"""Diameter of a slot; metres count tenfold, sine and cosine of the yaw as they are."""
 _SLOTS: Final = 16
 _FEW: Final = 20
-"""Decisions in a slot up to which its mean place is taken."""
+"""Most decisions in a slot for which its mean place is used without a regression."""
 _SHRINK: Final = 0.03
-"""Ridge penalty, for each sample, on features of unit deviation."""
+"""Ridge penalty for each sample, on features of unit deviation."""
 _BATCH, _HIDDEN = 32, 64
-"""So small that a matrix product stays on one thread: several would wait for each other for longer than they work."""
+"""Batch and layer size, so small that matrix products stay on a single thread."""
 _RATE, _BLUR = 2e-3, 0.03
 
 
 @dataclass(frozen=True)
-class Demonstration:
-    """One episode of an expert: T decisions."""
+class PrimitiveDemonstration:
+    """An expert's episode of T decisions."""
 
-    features: FloatArray  # (T, F) what was told before each
-    waiting: npt.NDArray[np.bool_]  # (T, candidates) for which objects a goal waited then
+    features: FloatArray  # (T, F) features before each decision
+    waiting: npt.NDArray[np.bool_]  # (T, candidates) whether a goal waits for the object
     objects: IntArray  # (T,) index of the object among the candidates
-    places: FloatArray  # (T, 3) x, y (m) and yaw (rad) where it was put, in the frame of its goal
+    places: FloatArray  # (T, 3) place: x, y (m) and yaw (rad) in the frame of its goal
 
 
 @dataclass(frozen=True)
 class _Slot:
-    """Places of one object that are near one another: their mean, and how it depends on the features."""
+    """Cluster of an object's places: their mean and its linear dependence on the features."""
 
     object: int
-    wanted: bool  # the object was never put there but for a goal that waited for it
+    wanted: bool  # the object was put there only for a goal that waited for it
     mean: FloatArray  # (4,) x, y, sine and cosine of the yaw
     slopes: FloatArray  # (F, 4) on standardised features
 
 
 class PrimitivePolicy:
-    """Learns from demonstrations which object to carry where."""
+    """Policy that learns from demonstrations which object to carry to which place."""
 
-    def __init__(self, demonstrations: Sequence[Demonstration], seed: int = 0, iterations: int = 8000) -> None:
+    def __init__(self, demonstrations: Sequence[PrimitiveDemonstration], seed: int = 0, iterations: int = 8000) -> None:
         """Learn; ``iterations`` are steps of the classifier's training. ``ValueError``: there is no demonstration."""
-        features = np.concatenate([one.features for one in demonstrations])
-        objects = np.concatenate([one.objects for one in demonstrations])
-        waiting = np.concatenate([one.waiting for one in demonstrations])
-        x, y, yaw = np.concatenate([one.places for one in demonstrations]).T
+        features = np.concatenate([shown.features for shown in demonstrations])
+        objects = np.concatenate([shown.objects for shown in demonstrations])
+        waiting = np.concatenate([shown.waiting for shown in demonstrations])
+        x, y, yaw = np.concatenate([shown.places for shown in demonstrations]).T
         places = np.column_stack([x, y, np.sin(yaw), np.cos(yaw)])
         self._mean, self._deviation = features.mean(axis=0), features.std(axis=0) + 1e-3
         scaled, rng = self._standardize_features(features), np.random.default_rng(seed)
         labels = np.zeros(len(features), dtype=np.int_)
         self._slots: list[_Slot] = []
         for number in np.unique(objects).tolist():
-            mine = np.flatnonzero(objects == number)
-            clusters = _cluster_with_k_means(places[mine] * (10, 10, 1, 1), rng)
+            moved = np.flatnonzero(objects == number)
+            clusters = _cluster_with_k_means(places[moved] * (10, 10, 1, 1), rng)
             for cluster in np.unique(clusters).tolist():
-                rows = mine[clusters == cluster]
+                rows = moved[clusters == cluster]
                 labels[rows] = len(self._slots)
                 self._slots.append(_fit_slot(number, bool(waiting[rows, number].all()), scaled[rows], places[rows]))
         self._classifier = Classifier(scaled, labels, len(self._slots), rng, iterations)
 
     @property
     def slots(self) -> int:
-        """How many pairs of an object and a slot were told apart."""
+        """Number of pairs of an object and a slot."""
         return len(self._slots)
 
     def _standardize_features(self, features: FloatArray) -> FloatArray:
         return (features - self._mean) / self._deviation
 
     def __call__(self, features: FloatArray, waiting: Sequence[bool]) -> tuple[int, tuple[float, float, float]]:
-        """What to do next.
+        """The next decision.
 
         Args:
-            features: (F,) what is told.
-            waiting: for each candidate whether a goal waits for it; one whose goals are met is moved only as it was
-                moved in demonstrations after they were met.
+            features: (F,) of the scene.
+            waiting: for each candidate whether a goal waits for it; objects whose goals are met are moved only as in
+                demonstrations after their goals were met.
 
         Returns:
-            The index of an object among the candidates, and where to put it in the frame of its goal: x, y (m), yaw.
+            Index of an object among the candidates, and its place in the frame of its goal: x, y (m), yaw (rad).
         """
         scaled = self._standardize_features(features)
         open_slots = np.array([waiting[slot.object] or not slot.wanted for slot in self._slots])
@@ -99,7 +99,7 @@ class PrimitivePolicy:
 
 
 def _cluster_with_k_means(points: FloatArray, rng: np.random.Generator) -> IntArray:
-    """The cluster (N,) of each point (N, D): far points begin new ones until all are near one; then k-means."""
+    """Cluster (N,) of each point (N, D): k-means, begun with far points until every point is near a centre."""
     centers = points[rng.integers(len(points))][None]
     while len(centers) < _SLOTS:
         away = np.linalg.norm(points[:, None] - centers[None], axis=2).min(axis=1)
@@ -128,7 +128,7 @@ def _fit_slot(number: int, wanted: bool, scaled: FloatArray, places: FloatArray)
 
 
 class Classifier:
-    """A perceptron with two hidden layers and a softmax, trained with Adam on standardised features."""
+    """Perceptron with two hidden layers and a softmax, trained with Adam on standardised features."""
 
     def __init__(
         self, features: FloatArray, labels: IntArray, classes: int, rng: np.random.Generator, iterations: int
@@ -139,11 +139,11 @@ class Classifier:
             self._train(features, np.eye(classes)[labels], rng, iterations)
 
     def logits(self, features: FloatArray) -> FloatArray:
-        """(N, classes) of features (N, F)."""
+        """Logits (N, classes) of features (N, F)."""
         return self._forward(features)[-1]
 
     def _forward(self, values: FloatArray) -> list[FloatArray]:
-        """The input of each layer, and the last one's output."""
+        """Inputs of all layers, and the output of the last."""
         passed = [values]
         for depth, (weights, bias) in enumerate(self._layers):
             values = values @ weights + bias
@@ -165,7 +165,7 @@ class Classifier:
                 parameters[index] -= rate * mean / (np.sqrt(square) + 1e-8)
 
     def _cross_entropy_gradients(self, passed: list[FloatArray], wanted: FloatArray) -> list[FloatArray]:
-        """Of the cross-entropy, for the weights and the bias of each layer in turn."""
+        """Gradients of the cross-entropy for the weights and biases of all layers in turn."""
         shares = np.exp(passed[-1] - passed[-1].max(axis=1, keepdims=True))
         error = (shares / shares.sum(axis=1, keepdims=True) - wanted) / len(wanted)
         gradients: list[FloatArray] = []

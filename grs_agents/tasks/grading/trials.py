@@ -1,4 +1,4 @@
-"""Episodes of varied instances: of the expert, of its hand when it misses, and of policies; in processes."""
+"""Trials: episodes of varied instances by the expert, by an expert whose hand misses, and by policies."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -10,46 +10,39 @@ from pydantic import Field
 
 from grs_agents.base import Frozen
 from grs_agents.base.errors import GrsError
-from grs_agents.sim.cliport.environment import Environment
-from grs_agents.sim.instance.task_instance import TaskInstance
-from grs_agents.sim.rollouts import InstanceTask, run_oracle
+from grs_agents.sim.goals.scores import SOLVED
+from grs_agents.sim.tabletop_episode import PICKS, follow_oracle, open_instance_episode
 from grs_agents.sim.variation.types import Variation
 from grs_agents.sim.variation.vary import vary_instance
 from grs_agents.tasks.grading.primitive_policy import PrimitivePolicy
-from grs_agents.tasks.grading.primitive_task import (
-    SOLVED,
-    PrimitiveTask,
-    decide,
-    demonstrate,
-    evaluate_policy,
-    random_decision,
-)
+from grs_agents.tasks.grading.primitive_task import PrimitiveTask, decide, demonstrate, evaluate_policy, random_decision
 from grs_agents.tasks.task_folder import TaskFolder, open_task_folder
 from grs_agents.tasks.worker_pool import map_in_processes
 
 NOISES: Final = (0.0, 0.0025, 0.005, 0.01, 0.02, 0.04, 0.08)
-"""Metres by which the hand may miss, tried from the least on."""
-_PICKS: Final = 5
+"""Errors of the hand, metres, tried in this order."""
 _UNSEEN: Final = 1_000_000
-"""Seeds of instances to be graded on begin here, those of demonstrations at 0."""
+"""First seed of the instances used for grading; seeds of demonstrations begin at 0."""
+_DEMONSTRATION_NOISE: Final = 0.005
+"""Error of the hand in every second demonstration, metres."""
 Count = Annotated[int, Field(ge=1, le=10_000)]
 Show = Callable[[str, int, int], None]
-"""Told the stage, and how many of how many are done."""
+"""Called with the stage, and the numbers of finished and of all episodes."""
 
 
 class GradeOrder(Frozen):
-    """How much is tried."""
+    """Size of a grading."""
 
-    episodes: Count = 30  # of each policy, on instances that no demonstration is of
+    episodes: Count = 30  # of each policy, on unseen instances
     demonstrations: Count = 60
-    trials: Count = 12  # of the expert at each noise of its hand
+    trials: Count = 12  # of the expert at each error of its hand
     variation: Variation = Variation(jitter=0.03, yaw=float(np.deg2rad(30)))
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
 
 
 @dataclass(frozen=True)
 class ExpertEpisode:
-    """An episode of the expert with a hand that misses."""
+    """Result of an episode of the expert with a hand that misses."""
 
     solved: bool
     moves: int
@@ -57,7 +50,7 @@ class ExpertEpisode:
 
 @dataclass(frozen=True)
 class _Job:
-    """One episode to be simulated."""
+    """An episode to simulate."""
 
     kind: Literal["expert", "demonstration", "random", "learned"]
     seed: int
@@ -65,7 +58,7 @@ class _Job:
 
 
 class Trials:
-    """Episodes of varied instances, by experts and policies."""
+    """Runs episodes of varied instances, by experts and policies."""
 
     def __init__(self, folder: TaskFolder, order: GradeOrder, workers: int, show: Show) -> None:
         self._folder, self._order, self._workers, self._show = folder, order, workers, show
@@ -76,18 +69,21 @@ class Trials:
         for noise in NOISES:
             jobs = [_Job("expert", _UNSEEN + index, noise) for index in range(self._order.trials)]
             levels.append(self._run_jobs(f"expert, hand off by {1000 * noise:g} mm", jobs))
-            if 2 * sum(one.solved for one in levels[-1]) < sum(one.solved for one in levels[0]):
+            if 2 * sum(episode.solved for episode in levels[-1]) < sum(episode.solved for episode in levels[0]):
                 break
         return levels
 
     def learned_success(self) -> tuple[float, int]:
-        """The share of unseen instances that a policy solves which learned from demonstrations, and how many it had.
+        """Share of unseen instances that an imitating policy solves, and the number of its demonstrations.
 
-        Every second one is of an expert whose hand misses by 5 mm, and who mends it.
+        In every second demonstration the expert's hand misses by 5 mm, so that it shows corrections.
         """
-        jobs = [_Job("demonstration", index, 0.005 * (index % 2)) for index in range(self._order.demonstrations)]
-        shown = [one for one in self._run_jobs("demonstrations", jobs) if one is not None]
-        shown = [one for one in shown if one.features.shape[1] == shown[0].features.shape[1]]
+        jobs = [
+            _Job("demonstration", index, _DEMONSTRATION_NOISE * (index % 2))
+            for index in range(self._order.demonstrations)
+        ]
+        shown = [result for result in self._run_jobs("demonstrations", jobs) if result is not None]
+        shown = [result for result in shown if result.features.shape[1] == shown[0].features.shape[1]]
         if not shown:
             return 0.0, 0
         policy = PrimitivePolicy(shown, self._order.seed)
@@ -95,12 +91,12 @@ class Trials:
         return float(np.mean(self._run_jobs("learned policy", jobs, policy))), len(shown)
 
     def random_success(self) -> float:
-        """The share of instances that random decisions solve."""
+        """Share of instances that random decisions solve."""
         jobs = [_Job("random", _UNSEEN + index) for index in range(self._order.episodes)]
         return float(np.mean(self._run_jobs("random policy", jobs)))
 
     def _run_jobs(self, stage: str, jobs: Sequence[_Job], policy: PrimitivePolicy | None = None) -> list[Any]:
-        """The results of jobs, in their order."""
+        """Results of the jobs, in their order."""
         results: dict[_Job, Any] = {}
         for job, result in map_in_processes(
             _run_job, jobs, self._workers, _load_worker_state, (self._folder.path, self._order, policy)
@@ -112,7 +108,7 @@ class Trials:
 
 @dataclass
 class _WorkerState:
-    """What a process keeps between jobs."""
+    """State that a process keeps between jobs."""
 
     folder: TaskFolder
     order: GradeOrder
@@ -140,28 +136,21 @@ def _run_job(job: _Job) -> tuple[_Job, Any]:
     except GrsError:
         return job, {"expert": ExpertEpisode(False, 0), "demonstration": None}.get(job.kind, False)
     if job.kind == "expert":
-        return job, _run_expert(instance, bench, job.noise, rng)
+        run = open_instance_episode(instance, bench.folder.library)
+        if job.noise:
+            run.task.max_steps *= PICKS
+        try:
+            run.reset()
+            follow_oracle(run.task.oracle(run.sim), run, job.noise, rng if job.noise else None)
+        except GrsError:
+            return job, ExpertEpisode(False, 0)
+        episode = run.sim.current_episode
+        return job, ExpertEpisode(min(episode.strict, episode.reward) >= SOLVED, len(episode.actions))
     if bench.task is None:
         bench.task = PrimitiveTask(instance, bench.folder.library)
     task, policy = bench.task, bench.policy
     if job.kind == "demonstration":
         return job, demonstrate(task, instance, job.noise, rng)
     if policy is not None:
-        return job, evaluate_policy(task, instance, lambda one: decide(policy, one))
-    return job, evaluate_policy(task, instance, lambda one: random_decision(one, rng))
-
-
-def _run_expert(instance: TaskInstance, bench: _WorkerState, noise: float, rng: np.random.Generator) -> ExpertEpisode:
-    """The expert with a hand that misses, and that tries a pick again which it missed."""
-    task = InstanceTask(instance)
-    env = Environment(task=task, library=bench.folder.library, seed=instance.seed, robot=instance.robot)
-    env.timestep = instance.timestep
-    if noise:
-        task.max_steps *= _PICKS
-    try:
-        env.reset()
-        run_oracle(env, task, noise, rng if noise else None)
-    except GrsError:
-        return ExpertEpisode(False, 0)
-    episode = env.current_episode
-    return ExpertEpisode(min(episode.strict, episode.reward) >= SOLVED, len(episode.actions))
+        return job, evaluate_policy(task, instance, lambda now: decide(policy, now))
+    return job, evaluate_policy(task, instance, lambda now: random_decision(now, rng))

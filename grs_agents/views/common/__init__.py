@@ -1,1 +1,1 @@
-"""What several views share: events as text, steps, motion, the objects of a run."""
+"""Common parts of the views: events as text, steps, motion, scene objects."""

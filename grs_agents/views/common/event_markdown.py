@@ -24,12 +24,12 @@ _HINT = (
 
 
 def format_run_start(event: RunStarted) -> str:
-    """What the run is, before any decision."""
+    """Run id, graph and seed."""
     return to_viewer_markdown(f"### Run {event.run_id}\n\nGraph **{event.graph}**, seed {event.seed}.\n\n{_HINT}\n")
 
 
 def format_run_end(event: RunEnded) -> str:
-    """The verdict on the run, and how to see its film: the viewer opens here."""
+    """The verdict with its reason, and a hint on playback: the viewer opens at this document."""
     return to_viewer_markdown(f"### {event.status}\n\n{event.reason}\n\n{_HINT}\n")
 
 
@@ -40,13 +40,13 @@ def format_decision(event: Decision) -> str:
 
 
 def format_prompt(event: Prompt) -> str:
-    """A prompt under a heading that says who asked whom."""
+    """A prompt, headed by role and model."""
     pictures = f", {len(event.images)} picture{'s' * (len(event.images) > 1)}" if event.images else ""
     return to_viewer_markdown(f"**{event.role}** → {event.model}{pictures}\n\n---\n\n{event.text}")
 
 
 def format_reply(event: Reply) -> str:
-    """A reply under a heading with tokens, seconds and what went wrong."""
+    """A reply, headed by tokens, seconds and error."""
     cost = f"{event.input_tokens} + {event.output_tokens} tokens, {event.seconds:.1f} s"
     head = f"{event.model} → **{event.role}**, {cost}"
     finish = f", {event.finish_reason}" if event.finish_reason else ""
@@ -55,16 +55,17 @@ def format_reply(event: Reply) -> str:
 
 
 def format_tool_call(event: ToolCall) -> str:
-    """A call of a tool: what was asked, and what the model was told."""
+    """A tool call with its arguments and result."""
     failed = "" if event.ok else ", **failed**"
-    asked = [f"**{name}**\n\n{to_markdown_code_block(str(value), 'python')}" for name, value in event.arguments.items()]
-    told = to_markdown_code_block(event.result, "")
     head = f"**{event.role}** calls **{event.tool}**{failed}, {event.seconds:.1f} s"
-    return to_viewer_markdown("\n\n".join([head, *asked, "---", told]))
+    arguments = [
+        f"**{name}**\n\n{to_markdown_code_block(str(value), 'python')}" for name, value in event.arguments.items()
+    ]
+    return to_viewer_markdown("\n\n".join([head, *arguments, "---", to_markdown_code_block(event.result, "")]))
 
 
 def format_program(event: ProgramVersion, source: str) -> str:
-    """A program with syntax colours."""
+    """A program with syntax highlighting."""
     author = f" by {event.author_role}" if event.author_role else ""
     head = f"**{event.path}**, version {event.number}{author}, sha256 {event.sha256[:10]}"
     return to_viewer_markdown(f"{head}\n\n{to_markdown_code_block(source, 'python')}")
@@ -77,12 +78,12 @@ def format_task(event: TaskDefined) -> str:
 
 
 def format_field_value(value: Any) -> str:
-    """A field of the task in a line."""
+    """A field of the task as a single line."""
     return ", ".join(map(str, cast("list[Any]", value))) if isinstance(value, list) else str(value)
 
 
 def format_test_report(event: TestsRun) -> str:
-    """A test report as a table, then each traceback."""
+    """A test report as a table, followed by tracebacks and oracle episodes of failed tests."""
     report = event.report
     cases = get_test_cases(event)
     parts = [f"### Tests: {report.get('outcome', '?')}", format_outcome_counts(event), str(report.get("message") or "")]
@@ -94,46 +95,40 @@ def format_test_report(event: TestsRun) -> str:
         ]
         parts.append("\n".join(["| outcome | test | s | message |", "|---|---|---|---|", *rows]))
     for case in cases:
-        parts.extend(_format_case_details(case))
+        if traceback := case.get("traceback"):
+            parts.append(f"**{case.get('id')}**\n\n{to_markdown_code_block(str(traceback), 'python')}")
+        if case.get("outcome") != "passed":
+            parts.append(format_oracle_episode(case))
     return to_viewer_markdown("\n\n".join(part for part in parts if part))
 
 
 def short_test_name(case: dict[str, Any]) -> str:
-    """The test's own name: that of its class is long and the same for all, and would push the rest out of sight."""
+    """The method name of a test; the name of its class is long and the same for all tests."""
     return str(case.get("id")).rpartition(".")[2]
 
 
-def _format_case_details(case: dict[str, Any]) -> list[str]:
-    traceback, episode = case.get("traceback"), format_oracle_episode(case)
-    parts: list[str] = []
-    if traceback:
-        parts.append(f"**{case.get('id')}**\n\n{to_markdown_code_block(str(traceback), 'python')}")
-    if episode and case.get("outcome") != "passed":
-        parts.append(episode)
-    return parts
-
-
 def format_oracle_episode(case: dict[str, Any]) -> str:
-    """How the oracle fared in a test; empty where it did nothing."""
+    """Result of the oracle's episode in a test; empty without an episode."""
     episode: dict[str, Any] = case.get("episode") or {}
-    told = f"oracle: {episode.get('outcome')}, reward {episode.get('reward')}: {episode.get('detail')}"
-    return told if episode else ""
+    if not episode:
+        return ""
+    return f"oracle: {episode.get('outcome')}, reward {episode.get('reward')}: {episode.get('detail')}"
 
 
 def get_test_cases(event: TestsRun) -> list[dict[str, Any]]:
-    """The test cases of a report; none where it broke off before any ran."""
+    """Test cases of a report; empty if the run aborted before any test."""
     cases: list[dict[str, Any]] | None = event.report.get("cases")
     return cases or []
 
 
 def format_outcome_counts(event: TestsRun) -> str:
-    """How many test cases of a report ended how, e.g. ``2 passed, 1 failed``; empty if none ran."""
+    """Number of test cases by outcome, e.g. ``2 passed, 1 failed``; empty without test cases."""
     outcomes = Counter(str(case.get("outcome")) for case in get_test_cases(event))
     return ", ".join(f"{number} {outcome}" for outcome, number in outcomes.items())
 
 
 def format_audit(findings: list[Finding]) -> str:
-    """What the audit has found so far, as a table."""
+    """The findings of the audit so far, as a table."""
     rows = [
         f"| {to_markdown_cell(finding.check)} | **{format_finding_verdict(finding)}** "
         f"| {to_markdown_cell(finding.measured)} | {to_markdown_cell(finding.bound)} |"
@@ -145,5 +140,5 @@ def format_audit(findings: list[Finding]) -> str:
 
 
 def format_finding_verdict(finding: Finding) -> str:
-    """How a check of the audit came out, in a word."""
+    """The outcome of an audit check."""
     return "passed" if finding.passed else "failed"

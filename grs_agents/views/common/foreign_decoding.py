@@ -1,4 +1,4 @@
-"""Pictures and recordings of a run folder, which may be a stranger's, decoded in a worker that holds no keys."""
+"""Decoding of the pictures and recordings of an untrusted run folder, in a worker that holds no keys."""
 
 import math
 from collections.abc import Collection, Generator, Mapping
@@ -16,13 +16,13 @@ from grs_agents.sandbox.host.foreign_reader import ForeignReader
 _WORKER = "grs_agents.views.common.decoding_worker"
 _KINDS = "buifU"
 _WIDEST = 400
-"""Bytes of one value: a name of 100 letters."""
+"""Largest array element, bytes: a string of 100 characters."""
 Array = npt.NDArray[Any]
 
 
 @contextmanager
 def decode_in_worker(*folders: Path) -> Generator[None]:
-    """Have a worker decode the pictures and arrays of the run folders ``folders`` that the block reads."""
+    """Decode the pictures and arrays of the run folders ``folders`` in a worker within the context."""
     decoder = _WorkerDecoder([folder.resolve() for folder in folders])
     try:
         with decode_elsewhere(decoder):
@@ -32,14 +32,14 @@ def decode_in_worker(*folders: Path) -> Generator[None]:
 
 
 class _WorkerDecoder:
-    """Decodes what lies in some folders."""
+    """Decodes files below ``roots``."""
 
     def __init__(self, roots: list[Path]) -> None:
         self._roots = roots
-        self._reader = ForeignReader(roots, [_WORKER])
+        self._reader = ForeignReader(_WORKER, roots)
 
     def read_picture(self, file: Path, flags: int) -> Array | None:
-        """The pixels; None of a file elsewhere."""
+        """Returns: pixels; None for a file outside the folders."""
         arrays = self._read(file, {"picture": str(file.absolute()), "flags": flags})
         return None if arrays is None else arrays["pixels"]
 
@@ -51,9 +51,9 @@ class _WorkerDecoder:
         together: int | None,
         text: Collection[str],
     ) -> dict[str, Array] | None:
-        """The arrays; None of a file elsewhere."""
-        said = {"wanted": dict(wanted), "optional": dict(optional), "together": together, "text": list(text)}
-        arrays = self._read(file, {"npz": str(file.absolute()), **said})
+        """Returns: arrays; None for a file outside the folders."""
+        options = {"wanted": dict(wanted), "optional": dict(optional), "together": together, "text": list(text)}
+        arrays = self._read(file, {"npz": str(file.absolute()), **options})
         if arrays is not None and (arrays.keys() - {*wanted, *optional} or wanted.keys() - arrays.keys()):
             raise _make_answer_error(file)
         return arrays
@@ -62,12 +62,12 @@ class _WorkerDecoder:
         if not any(file.resolve().is_relative_to(root) for root in self._roots):
             return None
         try:
-            reading = self._reader.read(_WORKER, request, str(file))
+            reading = self._reader.read(request, str(file))
         except InputError as error:
-            given = (text.replace(str(file.absolute()), str(file)) for text in (error.message, error.remedy))
-            raise InputError(*given) from error
+            texts = (text.replace(str(file.absolute()), str(file)) for text in (error.message, error.remedy))
+            raise InputError(*texts) from error
         try:
-            return {name: _build_array(reading.blobs[name], said) for name, said in reading.answer.items()}
+            return {name: _build_array(reading.blobs[name], header) for name, header in reading.answer.items()}
         except (ValueError, TypeError, KeyError) as error:
             raise _make_answer_error(file) from error
 
@@ -76,9 +76,9 @@ class _WorkerDecoder:
         self._reader.close()
 
 
-def _build_array(data: bytes, said: dict[str, Any]) -> Array:
-    """An array of numbers or words of the shape and type that the worker says; ValueError if it cannot be one."""
-    kind, shape = np.dtype(str(said["type"])), tuple(int(side) for side in said["shape"])
+def _build_array(data: bytes, header: dict[str, Any]) -> Array:
+    """An array of numbers or strings with the header's shape and type. Raises ValueError: they do not fit ``data``."""
+    kind, shape = np.dtype(str(header["type"])), tuple(int(side) for side in header["shape"])
     if kind.kind not in _KINDS or kind.itemsize > _WIDEST or len(shape) > 8 or min(shape, default=0) < 0:
         raise ValueError("no array of numbers or words")
     if math.prod(shape) * kind.itemsize != len(data):

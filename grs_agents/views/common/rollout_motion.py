@@ -1,4 +1,4 @@
-"""What moved in a rollout: its recording as arrays, and when something was held."""
+"""Recorded motion of a rollout, and the intervals in which the tool held an object."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,18 +17,20 @@ Array = npt.NDArray[np.float32]
 _REMEDY = "restore the file or run again"
 _ARRAYS = {"times": "seconds", "names": "of the bodies", "positions": "metres", "quaternions": "xyzw", "tool": "metres"}
 _MOST_BYTES = 96 << 20
-"""Of a recording in memory: that of the sample scene takes 0.3 MiB, the longest episode of 60 bodies about 90."""
+"""Largest recording in memory: the sample scene takes 0.3 MiB, the longest episode with 60 bodies about 90."""
 _LONGEST = 36_000.0
-"""Simulated seconds; 200 actions, the most that a task has, take about 1,200."""
+"""Longest recording, simulated seconds; 200 actions, the maximum of a task, take about 1,200."""
 _LEAST_SPEED = 0.02
-"""Metres a second below which a thing does not move."""
+"""Speed of the tool below which it rests, m/s."""
 _GRASP_RADIUS = 0.25
-"""Metres from the tool within which a thing that moves as the tool does is taken to be held."""
+"""Distance from the tool within which an object that moves with it counts as held, m."""
+_SHORTEST_GRASP = 0.2
+"""Duration up to which an object that moves with the tool counts as pushed, s."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """The motion of N frames of B bodies in the robot frame."""
+    """Motion of B bodies over N frames, in the robot frame."""
 
     times: npt.NDArray[np.float64]  # (N,) simulated seconds from the start, rising
     names: tuple[str, ...]  # of the bodies: `object_<id>`, or a link of the arm
@@ -38,24 +40,24 @@ class Motion:
 
     @property
     def duration_seconds(self) -> float:
-        """How long it takes."""
+        """Duration of the motion, simulated seconds."""
         return float(self.times[-1]) if self.times.size else 0.0
 
     def downsample(self, rate: float) -> "Motion":
-        """At most ``rate`` frames a second, the last one kept."""
+        """The motion at a frame rate of at most ``rate``, last frame included."""
         if self.times.size < 2:
             return self
-        wanted = np.arange(0, self.times[-1], 1 / rate)
-        kept = np.unique(np.append(np.searchsorted(self.times, wanted), self.times.size - 1))
+        seconds = np.arange(0, self.times[-1], 1 / rate)
+        kept = np.unique(np.append(np.searchsorted(self.times, seconds), self.times.size - 1))
         return Motion(self.times[kept], self.names, self.positions[kept], self.quaternions[kept], self.tool[kept])
 
     def frame_index_at(self, seconds: float) -> int:
-        """The number of the frame that shows the moment ``seconds``."""
+        """Index of the frame shown at ``seconds``."""
         return int(np.clip(np.searchsorted(self.times, seconds), 0, self.times.size - 1))
 
 
 @dataclass(frozen=True)
-class Grasp:
+class GraspInterval:
     """The tool holds a body from frame ``start`` until frame ``end``."""
 
     body: str
@@ -64,7 +66,7 @@ class Grasp:
 
 
 def read_task_instance(file: Path) -> TaskInstance:
-    """The task instance of a rollout, in the folder ``instances`` of its run."""
+    """Read the task instance of a rollout, from the folder ``instances`` of its run."""
     try:
         instance = parse_instance_json(read_bytes(file, _REMEDY, MAX_BYTES))
     except InstanceError as error:
@@ -80,8 +82,8 @@ def read_motion(file: Path) -> Motion:
     shapes = [("names", (bodies,)), ("positions", (frames, bodies, 3)), ("quaternions", (frames, bodies, 4))]
     for name, shape in (*shapes, ("tool", (frames, 3))):
         if arrays[name].shape != shape:
-            wanted = f"{frames} frames of {bodies} bodies"
-            raise InputError(f"{name} in {file} has the shape {arrays[name].shape}, not that of {wanted}", _REMEDY)
+            size = f"{frames} frames of {bodies} bodies"
+            raise InputError(f"{name} in {file} has the shape {arrays[name].shape}, not that of {size}", _REMEDY)
         if name != "names" and not np.isfinite(arrays[name]).all():
             raise InputError(f"{name} in {file} are not all finite", _REMEDY)
     keys = ("positions", "quaternions", "tool")
@@ -91,12 +93,12 @@ def read_motion(file: Path) -> Motion:
 
 
 def read_motion_duration(file: Path) -> float:
-    """How long the recording of a rollout is, without the rest of it."""
+    """Duration of a rollout's recording, s, without reading the rest."""
     return _seconds_since_start(read_npz(file, {"times": "seconds"}, {}, _MOST_BYTES)["times"], file)[-1]
 
 
 def _seconds_since_start(times: npt.NDArray[Any], file: Path) -> npt.NDArray[np.float64]:
-    """``times`` (N,) from 0."""
+    """``times`` (N,), shifted to begin at 0."""
     if times.ndim != 1 or not np.isfinite(times).all():
         raise InputError(f"times in {file} are no list of numbers", _REMEDY)
     seconds = times.astype(np.float64) - float(times[0])
@@ -105,9 +107,10 @@ def _seconds_since_start(times: npt.NDArray[Any], file: Path) -> npt.NDArray[np.
     return seconds
 
 
-def find_grasps(motion: Motion) -> list[Grasp]:
-    """When the tool held which body, in order: the body moved as the tool did, near it."""
-    grasps: list[Grasp] = []
+def find_grasps(motion: Motion) -> list[GraspInterval]:
+    """Grasps in order of time: a body near the tool moves with it.
+    A tool at rest does not end a grasp, and intervals of up to 0.2 s are pushes."""
+    grasps: list[GraspInterval] = []
     if motion.times.size < 2:
         return grasps
     seconds = np.diff(motion.times)
@@ -119,21 +122,13 @@ def find_grasps(motion: Motion) -> list[Grasp]:
         near = np.linalg.norm(motion.positions[1:, index] - motion.tool[1:], axis=1) < _GRASP_RADIUS
         moves = np.linalg.norm(tool_step, axis=1) > _LEAST_SPEED * seconds
         along = np.linalg.norm(step - tool_step, axis=1) < 0.5 * np.linalg.norm(tool_step, axis=1)
-        grasps.extend(_group_held_steps_into_grasps(name, near & moves & along, near & ~moves, motion.times))
+        held, rests = near & moves & along, near & ~moves
+        start = last = -1
+        for step_index in [*range(len(held)), None]:
+            if step_index is not None and held[step_index]:
+                start, last = (step_index if start < 0 else start), step_index
+            elif start >= 0 and (step_index is None or not rests[step_index]):
+                if motion.times[last + 1] - motion.times[start] > _SHORTEST_GRASP:
+                    grasps.append(GraspInterval(name, start, last + 1))
+                start = -1
     return sorted(grasps, key=lambda grasp: grasp.start)
-
-
-def _group_held_steps_into_grasps(
-    name: str, held: npt.NDArray[np.bool_], waits: npt.NDArray[np.bool_], times: npt.NDArray[np.float64]
-) -> list[Grasp]:
-    """Stretches of ``held`` steps; a waiting tool does not end one, and what lasts a moment was a push."""
-    grasps: list[Grasp] = []
-    start = last = -1
-    for step in [*range(len(held)), None]:
-        if step is not None and held[step]:
-            start, last = (step if start < 0 else start), step
-        elif start >= 0 and (step is None or not waits[step]):
-            if times[last + 1] - times[start] > 0.2:
-                grasps.append(Grasp(name, start, last + 1))
-            start = -1
-    return grasps

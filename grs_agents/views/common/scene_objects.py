@@ -1,5 +1,4 @@
-"""The objects of a scene as events tell them: number in the label picture, name, pose, asset.
-The described scene can be shown as its assets where the photo shows them."""
+"""Scene objects from events: mask label, display name, size, bounding box, and pose in the simulated twin."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -11,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import ValidationError
 
-from grs_agents.base import Pose
 from grs_agents.library.library import Library
 from grs_agents.library.shapes import matrix_from_quaternion
 from grs_agents.sim.instance.task_instance import InstanceObject
@@ -22,7 +20,7 @@ Rectangle = tuple[int, int, int, int]
 
 
 def object_mask_label(item: dict[str, Any], index: int) -> int:
-    """The pixel value of an object in the label picture: given, or its id, or its place in the list from 1."""
+    """The object's pixel value in the label image: its ``label``, else its ``id``, else its list position from 1."""
     for key in ("label", "id"):
         if isinstance(item.get(key), int):
             return item[key]
@@ -30,19 +28,19 @@ def object_mask_label(item: dict[str, Any], index: int) -> int:
 
 
 def object_display_name(item: dict[str, Any]) -> str:
-    """What an object is called, as well as is known."""
+    """The object's name, description or id."""
     return str(item.get("name") or item.get("description") or f"object {item.get('id', '')}")
 
 
 def format_object_size(item: dict[str, Any], unknown: str = "") -> str:
-    """The extents of an object's box in centimetres, e.g. ``4.0 x 4.0 x 4.0``; ``unknown`` where it has none."""
+    """The extents of an object's box in centimetres, e.g. ``4.0 x 4.0 x 4.0``; ``unknown`` without a box."""
     if not item.get("box"):
         return unknown
     return " x ".join(f"{extent:.1f}" for extent in np.subtract(item["box"]["high"], item["box"]["low"]) * 100)
 
 
 def mask_bounding_boxes(labels: npt.NDArray[Any]) -> dict[int, Rectangle]:
-    """The box around each label of a label picture (H, W), 0 left out."""
+    """Bounding box of each label of a label image (H, W); 0 is the background."""
     boxes: dict[int, Rectangle] = {}
     for label in np.flatnonzero(np.bincount(labels.ravel())):
         if label:
@@ -52,24 +50,26 @@ def mask_bounding_boxes(labels: npt.NDArray[Any]) -> dict[int, Rectangle]:
 
 
 def library_with_run_assets(folder: Path, library: Library) -> Library:
-    """``library`` with the assets laid over that the run has made so far."""
-    own = folder / "assets"
-    return _overlay_run_assets(library, own, modification_time_ns(own / "manifest.json")) if own.is_dir() else library
+    """``library`` overlaid with the assets that the run has built so far."""
+    assets = folder / "assets"
+    if not assets.is_dir():
+        return library
+    return _overlay_run_assets(library, assets, modification_time_ns(assets / "manifest.json"))
 
 
 @lru_cache(maxsize=2)
-def _overlay_run_assets(library: Library, own: Path, _written: int) -> Library:
-    """Kept, since reading a manifest takes longer than showing its assets."""
-    return library.copy_with_overlay_root(own)
+def _overlay_run_assets(library: Library, assets: Path, _modified: int) -> Library:
+    """Cached, since reading a manifest takes longer than drawing its assets."""
+    return library.copy_with_overlay_root(assets)
 
 
 def modification_time_ns(file: Path) -> int:
-    """When ``file`` was written last (ns), by which what was read of it can be kept; 0 where there is none."""
+    """Modification time of ``file`` (ns) as a cache key; 0 without the file."""
     return file.stat().st_mtime_ns if file.is_file() else 0
 
 
 def build_twin_objects(objects: Sequence[dict[str, Any]], library: Library) -> list[InstanceObject]:
-    """The matched objects of a scene's summary, where they came to rest in the twin if it says so."""
+    """The matched objects of a scene summary, at their settled poses in the twin where known."""
     objects_placed: list[InstanceObject] = []
     for item in objects:
         if item.get("asset") in library and item.get("position") and item.get("orientation") and "id" in item:
@@ -80,13 +80,9 @@ def build_twin_objects(objects: Sequence[dict[str, Any]], library: Library) -> l
                 placed = InstanceObject(id=int(item["id"]), asset=str(item["asset"]), pose=pose)
             except ValidationError:  # farther than a simulated scene reaches
                 continue
-            objects_placed.append(placed.model_copy(update={"pose": _pose_of_asset_origin(placed, library)}))
+            # events give the pose of the asset's centre, a world places its origin
+            (center, quaternion), (low, high) = placed.pose, load_object_model(placed, library).bounds
+            middle = (np.array(low) + np.array(high)) / 2
+            x, y, z = map(float, np.array(center) - matrix_from_quaternion(quaternion) @ middle)
+            objects_placed.append(placed.model_copy(update={"pose": ((x, y, z), quaternion)}))
     return objects_placed
-
-
-def _pose_of_asset_origin(item: InstanceObject, library: Library) -> Pose:
-    """A scene tells where an asset's centre is; a world places its origin."""
-    low, high = load_object_model(item, library).bounds
-    middle = (np.array(low) + np.array(high)) / 2
-    x, y, z = np.array(item.pose[0]) - matrix_from_quaternion(item.pose[1]) @ middle
-    return ((float(x), float(y), float(z)), item.pose[1])

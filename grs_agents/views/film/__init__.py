@@ -1,1 +1,1 @@
-"""A film of a rollout, drawn by MuJoCo in a process of its own."""
+"""A film of a rollout, rendered by MuJoCo in a separate process."""

@@ -1,4 +1,4 @@
-"""The motion that a rollout recorded, on a stage."""
+"""Playback of a rollout's recorded motion on a stage."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 def show_recorded_frame(stage: Stage, motion: Motion, frame: int, joints: FloatArray) -> None:
-    """Bring everything where it was in ``frame``; ``joints`` (N, dof) are those of ``recover_joint_positions``."""
+    """Pose everything as in ``frame``; ``joints`` (N, nq) come from ``recover_joint_positions``."""
     for index, name in enumerate(motion.names):
         kind, _, number = name.rpartition("_")
         if kind == "object" and int(number) in stage.object_ids:
@@ -23,7 +23,8 @@ def show_recorded_frame(stage: Stage, motion: Motion, frame: int, joints: FloatA
 
 
 def recover_joint_positions(model: Any, motion: Motion) -> FloatArray:
-    """Joint positions (N, nq) of the arm, from the turn or shift of each link in the frame of the one before."""
+    """Returns: joint positions (N, nq) of the arm, from each link's rotation or translation relative to its parent
+    link."""
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     rows = {name: index for index, name in enumerate(motion.names)}
@@ -33,33 +34,35 @@ def recover_joint_positions(model: Any, motion: Motion) -> FloatArray:
         name, parent = str(model.body(body).name), int(model.body_parentid[body])
         if name not in rows:
             continue
-        before = str(model.body(parent).name)
-        if before in rows:
-            turns = motion.quaternions[:, rows[before]].astype(np.float64)[:, [3, 0, 1, 2]]
-            places = motion.positions[:, rows[before]].astype(np.float64)
+        parent_name = str(model.body(parent).name)
+        if parent_name in rows:
+            parent_quats = motion.quaternions[:, rows[parent_name]].astype(np.float64)[:, [3, 0, 1, 2]]
+            parent_positions = motion.positions[:, rows[parent_name]].astype(np.float64)
         else:
-            turns = np.tile(np.asarray(data.xquat[parent]), (len(motion.times), 1))
-            places = np.tile(np.asarray(data.xpos[parent]), (len(motion.times), 1))
-        own = motion.quaternions[:, rows[name]].astype(np.float64)[:, [3, 0, 1, 2]]
-        start = _quaternion_product(turns, np.asarray(model.body_quat[body])[None])
+            parent_quats = np.tile(np.asarray(data.xquat[parent]), (len(motion.times), 1))
+            parent_positions = np.tile(np.asarray(data.xpos[parent]), (len(motion.times), 1))
+        quats = motion.quaternions[:, rows[name]].astype(np.float64)[:, [3, 0, 1, 2]]
+        rest_quats = _quaternion_product(parent_quats, np.asarray(model.body_quat[body])[None])
         axis, address = np.asarray(model.jnt_axis[joint]), int(model.jnt_qposadr[joint])
         if int(model.jnt_type[joint]) == int(mujoco.mjtJoint.mjJNT_HINGE):
-            turned = _quaternion_product(start * (1, -1, -1, -1), own)
+            turned = _quaternion_product(rest_quats * (1, -1, -1, -1), quats)
             angle = 2 * np.arctan2(turned[:, 1:] @ axis, turned[:, 0])
             positions[:, address] = (angle + np.pi) % (2 * np.pi) - np.pi + model.qpos0[address]
         else:
-            shift = motion.positions[:, rows[name]] - places - _rotate_vector(turns, np.asarray(model.body_pos[body]))
-            positions[:, address] = np.einsum("ni,ni->n", shift, _rotate_vector(start, axis)) + model.qpos0[address]
+            offset = _rotate_vector(parent_quats, np.asarray(model.body_pos[body]))
+            shift = motion.positions[:, rows[name]] - parent_positions - offset
+            axes = _rotate_vector(rest_quats, axis)
+            positions[:, address] = np.einsum("ni,ni->n", shift, axes) + model.qpos0[address]
     return positions
 
 
 def _quaternion_product(first: FloatArray, second: FloatArray) -> FloatArray:
-    """The product of quaternions (N, 4), wxyz."""
+    """Hamilton product of quaternions (N, 4), wxyz."""
     w, v, s, u = first[:, :1], first[:, 1:], second[:, :1], second[:, 1:]
     return np.concatenate([w * s - (v * u).sum(axis=1, keepdims=True), w * u + s * v + np.cross(v, u)], axis=1)
 
 
 def _rotate_vector(turns: FloatArray, vector: FloatArray) -> FloatArray:
-    """``vector`` (3,) turned by each quaternion (N, 4), wxyz."""
+    """``vector`` (3,) rotated by each quaternion (N, 4), wxyz."""
     pure = np.concatenate([np.zeros(1), vector])[None]
     return _quaternion_product(_quaternion_product(turns, pure), turns * (1, -1, -1, -1))[:, 1:]

@@ -1,4 +1,4 @@
-"""Pictures of a recorded rollout: single ones, a film in a file, or MuJoCo's own window."""
+"""A recorded rollout as images with captions, as a film file, or in MuJoCo's own window."""
 
 import json
 import os
@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import tempfile
+from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from io import BytesIO
@@ -13,18 +14,21 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from PIL import Image as Pillow
+from PIL import ImageDraw, ImageFont
 
 from grs_agents.base import Vec3
+from grs_agents.base.control_characters import escape_control_chars
 from grs_agents.base.errors import GrsError, InputError
 from grs_agents.base.files import resolve_output_file, unwritable_error
 from grs_agents.base.foreign.run_folder import find_member_file, resolve_member_file
 from grs_agents.base.trace.events import Event, Rollout
 from grs_agents.base.trace.log import read_events
 from grs_agents.library.library import Library
+from grs_agents.sim.instance.task_instance import TaskInstance
 from grs_agents.views.common.foreign_decoding import decode_in_worker
-from grs_agents.views.common.rollout_motion import Motion, read_motion, read_task_instance
+from grs_agents.views.common.rollout_motion import Motion, find_grasps, read_motion, read_task_instance
 from grs_agents.views.common.scene_objects import library_with_run_assets
-from grs_agents.views.film.captions import draw_captions, write_moment_captions
 from grs_agents.views.rerun.viewer import has_display
 
 Image = npt.NDArray[np.uint8]
@@ -32,38 +36,53 @@ SUFFIXES = (".webp", ".mp4", ".gif")
 HIGH_DEFINITION = (1280, 720)
 """Width and height of a large film, pixels."""
 _ANIMATION_RATE = 12.0
-"""Frames a second of a film that is no video."""
-_STANDS = 1500
-"""Milliseconds that its last picture stands."""
+"""Largest frame rate of an animated image, 1/s."""
+_LAST_FRAME_DURATION = 1500
+"""Duration of the last frame of an animation, ms."""
 _RAYS = "rays"
+_BACKENDS = ("egl", "osmesa", _RAYS) if sys.platform.startswith("linux") else ("", _RAYS)
+"""Rendering backends, best first; outside Linux, "" leaves the choice to MuJoCo."""
+Caption = tuple[str, str, str]
+"""The goal; the action; the outcome."""
+_ASSET = re.compile(r"(?<![\w./-])[\w./-]+\.urdf")  # from the start of a word alone: linear in the text
+_LETTERS_PER_HEIGHT = 26
+"""Height of the picture over the height of a caption's letters."""
+_CAPTION_SHADE = 0.45
+"""Brightness factor of the picture behind a caption."""
+_MAX_CAPTION = 400
+"""Characters of a caption that are measured: the film's 720 pixels have room for about 100."""
 
 
 @dataclass(frozen=True)
 class RolloutShot:
-    """A rollout and how to look at it."""
+    """A rollout and its camera."""
 
     folder: Path  # the run
     event: Rollout
     library: Library = field(default_factory=Library)  # 3D assets, the run's own laid over
     width: int = 640  # pixels
     height: int = 480
-    target: Vec3 = (0.41, 0.0, 0.19)  # what the camera looks at, m
+    target: Vec3 = (0.41, 0.0, 0.19)  # the camera's look-at point, m
     distance: float = 1.55  # of the camera from it, m
-    azimuth: float = 150.0  # of the direction in which the camera looks, degrees
+    azimuth: float = 150.0  # of the viewing direction, degrees
     elevation: float = -30.0
 
     @property
     def recorded_motion(self) -> Motion:
-        """What moved."""
+        """Motion of the objects and of the arm."""
         return read_motion(resolve_member_file(self.folder, self.event.recording or ""))
 
 
 Take = tuple[RolloutShot, Sequence[float]]
-"""A shot, and the moments of it that are drawn, s."""
+"""A shot, and the times of its frames, s."""
 
 
 def find_recorded_rollout(events: Sequence[Event], folder: Path, seed: int | None = None) -> Rollout:
-    """The rollout of the run's last audit that used ``seed``, or its first one, of which the recording is there."""
+    """The last rollout of ``seed`` with a recording; without ``seed``, that of the lowest seed.
+
+    Raises:
+        InputError: no rollout, or none of ``seed``, was recorded.
+    """
     by_seed = {event.seed: event for event in events if isinstance(event, Rollout)}
     played = {
         number: event
@@ -80,33 +99,28 @@ def find_recorded_rollout(events: Sequence[Event], folder: Path, seed: int | Non
 
 
 def make_rollout_shot(folder: Path, seed: int | None = None, size: tuple[int, int] | None = None) -> RolloutShot:
-    """The rollout of ``seed``, or the first, of the run in ``folder``, to be filmed in ``size`` (width, height)."""
+    """The rollout of ``seed`` (by default the lowest) of the run in ``folder``, filmed in ``size`` (width, height)."""
     rollout = find_recorded_rollout(read_events(folder / "events.jsonl"), folder, seed)
     shot = RolloutShot(folder.resolve(), rollout, library_with_run_assets(folder, Library()))
     return shot if size is None else replace(shot, width=size[0], height=size[1])
 
 
 def render_takes(takes: Sequence[Take]) -> Iterator[Image]:
-    """The pictures (H, W, 3) of several shots of one size, one after the other: to begin costs as much as 30 pictures.
-    They are drawn with EGL, OSMesa, or rays where neither is there."""
-    for backend in _rendering_backends():
-        drawn = False
+    """Images (H, W, 3) of several shots of one size, in order; a renderer's start costs as much as 30 images.
+    Backends are tried in turn."""
+    for backend in _BACKENDS:
+        started = False
         try:
             for image in _render_with_backend(takes, backend):
-                drawn = True
+                started = True
                 yield image
-        except InputError:  # no way of drawing mends the files of a run
+        except InputError:  # damaged run files fail with every backend
             raise
-        except GrsError:  # whatever is amiss, the next way of drawing may not need it
-            if drawn or backend == _RAYS:
+        except GrsError:  # the next backend may work
+            if started or backend == _RAYS:
                 raise
         else:
             return
-
-
-def _rendering_backends() -> tuple[str, ...]:
-    """What to draw with, best first; MuJoCo's own choice outside Linux."""
-    return ("egl", "osmesa", _RAYS) if sys.platform.startswith("linux") else ("", _RAYS)
 
 
 def _render_with_backend(takes: Sequence[Take], backend: str) -> Iterator[Image]:
@@ -135,7 +149,7 @@ _NEEDED = re.compile(
     "(PATH|HOME|USER|LANG|TZ|TMPDIR|TEMP|TMP|SYSTEMROOT|WINDIR|DISPLAY|WAYLAND_DISPLAY|XAUTHORITY|VIRTUAL_ENV)$"
     "|(LC|LD|DYLD|XDG|PYTHON|PYOPENGL|MUJOCO|LIBGL|MESA|GALLIUM|EGL|__EGL|__GLX?|VK|NVIDIA|CUDA|OMP|OPENBLAS|MKL)_?"
 )
-"""The variables that an interpreter and a graphics library look at. The process draws strangers' files: no keys."""
+"""Variables read by interpreters and graphics libraries. The process decodes untrusted files, so it gets no keys."""
 _SECRET = re.compile("KEY|TOKEN|SECRET|PASS|CREDENTIAL", re.IGNORECASE)
 
 
@@ -167,7 +181,7 @@ def _encode_render_job(takes: Sequence[Take], rays: bool = False, window: bool =
 
 
 def write_film(shot: RolloutShot, path: Path, rate: float = 15.0, show: Callable[[str], None] | None = None) -> int:
-    """Write the rollout in real time to a .webp, .mp4 or .gif file, and return the number of frames."""
+    """Write the rollout in real time to a .webp, .mp4 or .gif file. Returns: number of frames."""
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"cannot write a film to {path.name}", f"name a file that ends in {' or '.join(SUFFIXES)}")
     if not path.parent.is_dir():
@@ -179,7 +193,7 @@ def write_film(shot: RolloutShot, path: Path, rate: float = 15.0, show: Callable
         with decode_in_worker(shot.folder):
             images = render_film_frames(shot, rate, show)
             if not animated:
-                return _write_mp4(images, path, rate, shot)
+                return _write_mp4(images, path, rate, (shot.width, shot.height))
             frames = list(images)
         path.write_bytes(encode_animation(frames, rate, path.suffix.lower()[1:]))
     except OSError as error:
@@ -188,36 +202,38 @@ def write_film(shot: RolloutShot, path: Path, rate: float = 15.0, show: Callable
 
 
 def render_film_frames(shot: RolloutShot, rate: float, show: Callable[[str], None] | None = None) -> Iterator[Image]:
-    """The pictures of ``shot`` with captions, ``rate`` of them a second; ``show`` is told what is drawn."""
+    """Images of ``shot`` with captions, ``rate`` per second; ``show`` is called with a progress text for each."""
     take = make_film_take(shot, rate)
-    return draw_take_captions(take, _report_frame_progress(render_takes([take]), len(take[1]), show))
+    images = draw_take_captions(take, render_takes([take]))  # reads and checks the files now, before a film is opened
+
+    def show_progress() -> Iterator[Image]:
+        for number, image in enumerate(images, start=1):
+            if show is not None:
+                show(f"drawing frame {number} of {len(take[1])}")
+            yield image
+
+    return show_progress()
 
 
 def make_film_take(shot: RolloutShot, rate: float) -> Take:
-    """The moments of a film with ``rate`` pictures a second."""
+    """The frame times of a film with ``rate`` images per second."""
     return shot, [frame / rate for frame in range(int(shot.recorded_motion.duration_seconds * rate) + 1)]
 
 
 def draw_take_captions(take: Take, images: Iterator[Image]) -> Iterator[Image]:
-    """The pictures of a take, each with its caption."""
+    """Images (H, W, 3) of a take with a caption over the lower edge of each."""
     shot, seconds = take
     instance = read_task_instance(resolve_member_file(shot.folder, shot.event.instance or ""))
-    return draw_captions(images, write_moment_captions(shot.event, instance, shot.recorded_motion, seconds))
+    captions = write_moment_captions(shot.event, instance, shot.recorded_motion, seconds)
+    return (draw_caption(image, caption) for image, caption in zip(images, captions, strict=False))
 
 
-def _report_frame_progress(images: Iterator[Image], total: int, show: Callable[[str], None] | None) -> Iterator[Image]:
-    for number, image in enumerate(images, start=1):
-        if show is not None:
-            show(f"drawing frame {number} of {total}")
-        yield image
-
-
-def _write_mp4(images: Iterator[Image], path: Path, rate: float, shot: RolloutShot) -> int:
-    """VP9, which browsers play; where OpenCV cannot, MPEG-4."""
+def _write_mp4(images: Iterator[Image], path: Path, rate: float, size: tuple[int, int]) -> int:
+    """Encode images of ``size`` (width, height) as VP9, which browsers play, else as MPEG-4. Returns: frame count."""
     import cv2
 
-    for name in ("vp09", "mp4v"):
-        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*name), rate, (shot.width, shot.height))
+    for codec in ("vp09", "mp4v"):
+        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), rate, size)
         if writer.isOpened():
             break
     else:
@@ -231,16 +247,14 @@ def _write_mp4(images: Iterator[Image], path: Path, rate: float, shot: RolloutSh
 
 
 def encode_animation(images: Sequence[Image], rate: float, kind: str) -> bytes:
-    """Pictures (H, W, 3) as an animated ``webp`` or ``gif`` that begins again after its last one stood for a while."""
-    from PIL import Image as Pillow
-
+    """Images (H, W, 3) as an animated ``webp`` or ``gif`` that loops after a pause on its last frame."""
     frames = [Pillow.fromarray(image) for image in images]
     if kind == "gif":
         frames = [frame.quantize(128, dither=Pillow.Dither.NONE) for frame in frames]
-    durations = [*[round(1000 / rate)] * (len(frames) - 1), _STANDS]
-    more = {"optimize": False} if kind == "gif" else {"quality": 60, "method": 2, "kmin": 400, "kmax": 500}
+    durations = [*[round(1000 / rate)] * (len(frames) - 1), _LAST_FRAME_DURATION]
+    options = {"optimize": False} if kind == "gif" else {"quality": 60, "method": 2, "kmin": 400, "kmax": 500}
     file = BytesIO()
-    frames[0].save(file, kind, save_all=True, append_images=frames[1:], duration=durations, loop=0, **more)
+    frames[0].save(file, kind, save_all=True, append_images=frames[1:], duration=durations, loop=0, **options)
     return file.getvalue()
 
 
@@ -261,3 +275,62 @@ def play_in_mujoco_window(shot: RolloutShot) -> int:
             f"MuJoCo's window cannot be opened: {reason}", f"write a film instead: grs report RUN --out film.webp{mac}"
         )
     return process.returncode
+
+
+def write_moment_captions(
+    event: Rollout, instance: TaskInstance, motion: Motion, seconds: Sequence[float]
+) -> Iterator[Caption]:
+    """The captions at ``seconds`` (simulated) of a rollout."""
+    grasps = find_grasps(motion)
+    names = {f"object_{item.id}": _asset_name_as_words(item.asset) for item in instance.objects}
+    cause = _ASSET.sub(lambda match: _asset_name_as_words(match[0]), event.cause[:_MAX_CAPTION])
+    end = motion.times[grasps[-1].end] if grasps else motion.duration_seconds
+    for moment in seconds:
+        frame = motion.frame_index_at(moment)
+        grasp = next((grasp for grasp in grasps if frame <= grasp.end), grasps[-1] if grasps else None)
+        ended = moment >= end
+        if grasp is None:
+            action = instance.primitive.replace("_", " ")
+        else:
+            verb = "reaches for" if frame < grasp.start else "carries" if frame < grasp.end else "has placed"
+            number = grasps.index(grasp) + 1
+            action = f"action {number} of {len(grasps)}: {verb} {names.get(grasp.body, grasp.body)}"
+        outcome = f"{event.outcome}, reward {event.reward:.2f}" if ended else f"{moment:.1f} s"
+        held = grasp.body.removeprefix("object_") if grasp else ""
+        goals_of_held = (goal for goal in instance.goals if held in map(str, goal.objects))
+        goal = next(goals_of_held, next(iter(instance.goals), None))
+        yield (goal.language if goal is not None else instance.task), (cause if ended else "") or action, outcome
+
+
+def _asset_name_as_words(asset: str) -> str:
+    """``HOPE/TomatoSauce.urdf`` as ``tomato sauce``."""
+    return re.sub(r"(?<=[a-z])(?=[A-Z])|_", " ", Path(asset).stem).lower()
+
+
+def draw_caption(image: Image, caption: Caption) -> Image:
+    """An image (H, W, 3) with its caption over the lower edge."""
+    height, width = image.shape[:2]
+    size = max(9, height // _LETTERS_PER_HEIGHT)
+    font, line, margin = ImageFont.load_default(size), round(1.4 * size), round(0.6 * size)
+    shown = image.copy()
+    band = shown[height - 2 * line - 2 * margin :]
+    band[:] = (band * _CAPTION_SHADE).astype(np.uint8)
+    picture = Pillow.fromarray(shown)
+    draw = ImageDraw.Draw(picture)
+    goal, action, outcome = (escape_control_chars(text[:_MAX_CAPTION]) for text in caption)
+    right = width - margin - draw.textlength(outcome, font)
+    top = height - 2 * line - margin
+    draw.text((margin, top), _shorten_to_width(draw, goal, font, width - 2 * margin), (255, 255, 255), font)
+    draw.text((margin, top + line), _shorten_to_width(draw, action, font, right - 2 * margin), (255, 214, 90), font)
+    draw.text((right, top + line), outcome, (255, 255, 255), font)
+    return np.asarray(picture)
+
+
+def _shorten_to_width(
+    draw: ImageDraw.ImageDraw, text: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width: float
+) -> str:
+    """``text`` shortened to ``width`` pixels, with an ellipsis."""
+    if draw.textlength(text, font) <= width:
+        return text
+    length = bisect_right(range(1, len(text)), width, key=lambda count: draw.textlength(f"{text[:count]}…", font))
+    return f"{text[:length].rstrip()}…"

@@ -1,13 +1,13 @@
-"""The process that draws a film or opens MuJoCo's window: ``python -m grs_agents.views.film.worker``.
-It is a process of its own because MuJoCo decides when it is imported which graphics library it draws with. An order
-(JSON) comes on stdin; the frames go to stdout one after the other, (height, width, 3) bytes each."""
+"""The process that renders a film or opens MuJoCo's window: ``python -m grs_agents.views.film.worker``. It is a
+separate process because MuJoCo selects its graphics library at import. A job (JSON) comes on stdin; the frames go to
+stdout in order, (height, width, 3) bytes each."""
 
 import importlib
 import json
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -20,32 +20,37 @@ from grs_agents.base.errors import InputError
 from grs_agents.base.terminal import print_escaped
 
 STILLS = 24
-"""Up to so many pictures are drawn with smooth edges."""
+"""Largest number of pictures that are antialiased."""
 Image = npt.NDArray[np.uint8]
 _FACETS = (16, 8)
-"""Of round links, about the axis and along it, in a film: a third cheaper than MuJoCo's own, and hardly to be seen."""
+"""Facets of round links, about the axis and along it, in a film: a third cheaper than MuJoCo's defaults, hardly
+visible."""
 _NOWHERE = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
 class _Stages:
-    """Makes stages; rollouts of the same things share one: a new one costs as much as ten pictures."""
+    """Builds stages; consecutive rollouts of the same objects share a stage, which costs as much as ten pictures."""
 
-    def __init__(self, order: dict[str, Any]) -> None:
-        self._samples = 4 if sum(len(rollout["seconds"]) for rollout in order["rollouts"]) <= STILLS else 0
-        self._shown: Any = None  # the things of the last stage, wherever they are, and where they come from
+    def __init__(self, job: dict[str, Any]) -> None:
+        self._samples = 4 if sum(len(rollout["seconds"]) for rollout in job["rollouts"]) <= STILLS else 0
+        self._shown: Any = None  # objects of the last stage, without their poses, and the library's roots
         self._stage: Any = None
 
     def set_up_rollout_stage(self, rollout: dict[str, Any]) -> tuple[Any, Any, Any]:
-        """The stage, with everything where the rollout began, the motion, and the joints of the arm in it."""
+        """Returns: the stage at the rollout's first poses, the motion, and the arm's joint positions (N, nq)."""
         from grs_agents.library.library import Library
         from grs_agents.sim.rendering.stage import Stage, scene_props_from_instance
         from grs_agents.views.common.rollout_motion import read_motion, read_task_instance
         from grs_agents.views.film.recorded_motion import recover_joint_positions
 
         props = scene_props_from_instance(read_task_instance(Path(rollout["instance"])))
-        props = replace(props, samples=self._samples, table=_add_speckles_to_plain_table(props.table))
-        somewhere = [item.model_copy(update={"pose": _NOWHERE}) for item in props.objects]
-        shown = (replace(props, objects=somewhere), rollout["roots"])
+        table = props.table
+        if table.pattern == "plain" and table.texture is None:  # speckles make motion over the table visible
+            darker = (*(0.86 * channel for channel in table.color[:3]), 1.0)
+            table = table.model_copy(update={"pattern": "speckled", "second_color": darker})
+        props = replace(props, samples=self._samples, table=table)
+        unposed = [item.model_copy(update={"pose": _NOWHERE}) for item in props.objects]
+        shown = (replace(props, objects=unposed), rollout["roots"])
         if shown != self._shown:
             self._stage = Stage(props, Library(*(Path(root) for root in rollout["roots"])))
             self._shown = shown
@@ -55,46 +60,38 @@ class _Stages:
         return self._stage, motion, recover_joint_positions(self._stage.model, motion)
 
 
-def _add_speckles_to_plain_table(table: Any) -> Any:
-    """The look of a table top, speckled where it is of one colour: what moves over it is seen to move."""
-    if table.pattern != "plain" or table.texture is not None:
-        return table
-    darker = (*(0.86 * channel for channel in table.color[:3]), 1.0)
-    return table.model_copy(update={"pattern": "speckled", "second_color": darker})
-
-
-def _make_camera(mujoco: Any, order: dict[str, Any]) -> Any:
+def _make_camera(mujoco: Any, job: dict[str, Any]) -> Any:
     camera = mujoco.MjvCamera()
-    camera.lookat[:] = order["target"]
-    camera.distance, camera.azimuth, camera.elevation = order["distance"], order["azimuth"], order["elevation"]
+    camera.lookat[:] = job["target"]
+    camera.distance, camera.azimuth, camera.elevation = job["distance"], job["azimuth"], job["elevation"]
     return camera
 
 
-def write_rendered_frames(order: dict[str, Any], output: BinaryIO) -> None:
-    """Write the ordered frames, with OpenGL or, if ``order["rays"]``, without."""
+def write_rendered_frames(job: dict[str, Any], output: BinaryIO) -> None:
+    """Write the requested frames, rendered with OpenGL or, if ``job["rays"]``, by ray casting."""
     make = _make_raycast_renderer
-    if not order["rays"]:
+    if not job["rays"]:
         # before anything else imports it: with the graphics library of MUJOCO_GL
         make = partial(_make_opengl_renderer, importlib.import_module("mujoco"))
     from grs_agents.views.film.recorded_motion import show_recorded_frame
 
-    stages, drawn, picture = _Stages(order), None, None
-    for rollout in order["rollouts"]:
+    stages, drawn, picture = _Stages(job), None, None
+    for rollout in job["rollouts"]:
         stage, motion, joints = stages.set_up_rollout_stage(rollout)
         if picture is None or stage is not drawn:
-            drawn, picture = stage, make(stage, order)
+            drawn, picture = stage, make(stage, job)
         for seconds in rollout["seconds"]:
             show_recorded_frame(stage, motion, motion.frame_index_at(seconds), joints)
             output.write(np.ascontiguousarray(picture()).tobytes())
     output.flush()
 
 
-def _make_opengl_renderer(mujoco: Any, stage: Any, order: dict[str, Any]) -> Callable[[], Image]:
-    camera, room, quality = _make_camera(mujoco, order), stage.model.vis.global_, stage.model.vis.quality
-    room.offwidth, room.offheight = order["width"], order["height"]  # each picture clears all of it
+def _make_opengl_renderer(mujoco: Any, stage: Any, job: dict[str, Any]) -> Callable[[], Image]:
+    camera, room, quality = _make_camera(mujoco, job), stage.model.vis.global_, stage.model.vis.quality
+    room.offwidth, room.offheight = job["width"], job["height"]  # each picture clears all of it
     if not quality.offsamples:
         quality.numslices, quality.numstacks = _FACETS
-    renderer = mujoco.Renderer(stage.model, order["height"], order["width"])
+    renderer = mujoco.Renderer(stage.model, job["height"], job["width"])
 
     def paint() -> Image:
         renderer.update_scene(stage.data, camera)
@@ -103,16 +100,15 @@ def _make_opengl_renderer(mujoco: Any, stage: Any, order: dict[str, Any]) -> Cal
     return paint
 
 
-def _make_raycast_renderer(stage: Any, order: dict[str, Any]) -> Callable[[], Image]:
-    from grs_agents.sim.rendering.lenses import lens_from_field_of_view, view_pose
+def _make_raycast_renderer(stage: Any, job: dict[str, Any]) -> Callable[[], Image]:
+    from grs_agents.sim.rendering.cameras import LookAtCamera, lens_from_field_of_view, view_pose
     from grs_agents.sim.rendering.ray_painter import RayPainter
-    from grs_agents.sim.rendering.views import View
 
-    azimuth, elevation = np.deg2rad(order["azimuth"]), np.deg2rad(order["elevation"])
+    azimuth, elevation = np.deg2rad(job["azimuth"]), np.deg2rad(job["elevation"])
     ahead = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
-    eye = np.array(order["target"]) - order["distance"] * ahead
+    eye = np.array(job["target"]) - job["distance"] * ahead
     x, y, z = (float(value) for value in eye)
-    view = View((x, y, z), tuple(order["target"]), 45.0, order["height"], order["width"])
+    view = LookAtCamera((x, y, z), tuple(job["target"]), 45.0, job["height"], job["width"])
     painter = RayPainter(stage, view.height, view.width)
     lens, pose = lens_from_field_of_view(view.field_of_view, view.height, view.width), view_pose(view)
 
@@ -123,40 +119,33 @@ def _make_raycast_renderer(stage: Any, order: dict[str, Any]) -> Callable[[], Im
     return paint
 
 
-def play_in_mujoco_window(order: dict[str, Any]) -> None:
-    """Play the motion in MuJoCo's window, again and again, until it is closed."""
+def play_in_mujoco_window(job: dict[str, Any]) -> None:
+    """Play the motion in MuJoCo's window in a loop until it is closed."""
     mujoco = importlib.import_module("mujoco")
     viewer_module = importlib.import_module("mujoco.viewer")
     from grs_agents.views.film.recorded_motion import show_recorded_frame
 
-    stage, motion, joints = _Stages(order).set_up_rollout_stage(order["rollouts"][0])
+    stage, motion, joints = _Stages(job).set_up_rollout_stage(job["rollouts"][0])
     with viewer_module.launch_passive(stage.model, stage.data, show_left_ui=False, show_right_ui=False) as viewer:
-        camera = _make_camera(mujoco, order)
+        camera = _make_camera(mujoco, job)
         viewer.cam.lookat[:], viewer.cam.distance = camera.lookat, camera.distance
         viewer.cam.azimuth, viewer.cam.elevation = camera.azimuth, camera.elevation
-        for seconds in _iterate_looped_seconds(motion.duration_seconds + 1.0):
-            if not viewer.is_running():
-                return
+        begin = time.monotonic()
+        while viewer.is_running():
+            seconds = (time.monotonic() - begin) % (motion.duration_seconds + 1.0)  # holds the last frame for a second
             with viewer.lock():
                 show_recorded_frame(stage, motion, motion.frame_index_at(min(seconds, motion.duration_seconds)), joints)
             viewer.sync()
             time.sleep(1 / 60)
 
 
-def _iterate_looped_seconds(period: float) -> Iterator[float]:
-    """Seconds since the beginning, from 0 again after each ``period``."""
-    begin = time.monotonic()
-    while True:
-        yield (time.monotonic() - begin) % period
-
-
 def main() -> None:
-    """Do what the order on stdin says; whatever a library prints goes to stderr, not among the frames."""
-    order = json.load(sys.stdin)
+    """Run the job on stdin. Output of libraries goes to stderr, to keep it out of the frames."""
+    job = json.load(sys.stdin)
     with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as output:
         os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
         try:
-            (play_in_mujoco_window if order["window"] else partial(write_rendered_frames, output=output))(order)
+            (play_in_mujoco_window if job["window"] else partial(write_rendered_frames, output=output))(job)
         except InputError as error:
             print_escaped(str(error), error=True)
             sys.exit(error.exit_status)

@@ -1,4 +1,4 @@
-"""The elements of a page: escaped text, tables, code, diffs, pictures. It needs nothing from anywhere."""
+"""HTML elements of a report: escaped text, tables, code, diffs, pictures. A page loads no external resource."""
 
 import base64
 import html
@@ -10,22 +10,22 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.base.terminal.control_characters import escape_control_chars
+from grs_agents.base.control_characters import escape_control_chars
 from grs_agents.views.common.scene_objects import Rectangle
 
 Verdict = Literal["", "good", "bad"]
-"""The class, and so the colour, of what went well or wrong."""
+"""CSS class, and so the colour, of success and failure."""
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
 STYLE = Path(__file__).with_name("style.css").read_text("utf-8")
 
 
 def escape_html(value: object) -> str:
-    """``value`` as text of a page: escaped, control characters spelt out."""
+    """``value`` as escaped HTML text, with control characters spelt out."""
     return html.escape(escape_control_chars(str(value)), quote=True)
 
 
 def render_page(title: str, body: Iterable[str]) -> str:
-    """A whole page. Its policy lets no browser run or fetch anything, even if something got through."""
+    """A whole page. Its content security policy blocks scripts and requests even if escaping missed some markup."""
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">\n'
@@ -35,7 +35,7 @@ def render_page(title: str, body: Iterable[str]) -> str:
 
 
 def render_section(heading: str, *parts: str) -> str:
-    """A heading and what stands below it; nothing without parts."""
+    """A heading with its parts; empty without parts."""
     inner = "\n".join(part for part in parts if part)
     return f"<section><h2>{escape_html(heading)}</h2>\n{inner}</section>" if inner else ""
 
@@ -51,7 +51,7 @@ def render_table(
     numbers: Sequence[int] = (),
     verdicts: Sequence[Verdict] = (),
 ) -> str:
-    """A table of text; the columns ``numbers`` are set right, ``verdicts`` are the colours of the rows, if any."""
+    """A table of text. Columns ``numbers`` are right-aligned; ``verdicts`` colours the rows."""
 
     def render_table_cells(tag: str, values: Sequence[object]) -> str:
         kinds = [' class="n"' if index in numbers else "" for index in range(len(values))]
@@ -68,19 +68,19 @@ def _class_attribute(name: str) -> str:
 
 
 def render_collapsible(summary: str, inner: str, opened: bool = False, verdict: Verdict = "") -> str:
-    """Something to open by a click."""
+    """A collapsible block."""
     head = f"<summary{_class_attribute(verdict)}>{escape_html(summary)}</summary>"
     return f"<details{' open' if opened else ''}>{head}\n{inner}</details>"
 
 
 def render_side_by_side(*parts: str) -> str:
-    """Parts beside one another, where the page is wide enough; nothing without parts."""
+    """Parts in a row, as far as the page is wide enough; empty without parts."""
     inner = "".join(part for part in parts if part)
     return f'<div class="row">{inner}</div>' if inner else ""
 
 
 def render_code_block(value: str) -> str:
-    """A block of code."""
+    """A code block."""
     return f"<pre>{escape_html(value)}</pre>"
 
 
@@ -94,7 +94,7 @@ def render_diff(value: str) -> str:
 
 
 def render_film(film: bytes, still: npt.NDArray[np.uint8], caption: str) -> str:
-    """An animated WebP inside the page; ``still`` (H, W, 3) where nothing should move, as on paper."""
+    """An animated WebP within the page; ``still`` (H, W, 3) replaces it in print and under reduced motion."""
     height, width = still.shape[:2]
     source = f'<source media="print, (prefers-reduced-motion: reduce)" srcset="{picture_url(still)}">'
     moving = f"data:image/webp;base64,{base64.b64encode(film).decode()}"
@@ -103,33 +103,28 @@ def render_film(film: bytes, still: npt.NDArray[np.uint8], caption: str) -> str:
 
 
 def render_picture(image: npt.NDArray[np.uint8], caption: str = "", marks: Sequence[tuple[str, Rectangle]] = ()) -> str:
-    """An image (H, W, 3) as a JPEG inside the page, with named boxes (pixels) drawn over it."""
+    """An image (H, W, 3) as a JPEG within the page, with named boxes (pixels) drawn over it."""
     height, width = image.shape[:2]
     source = picture_url(image)
     if marks:
-        boxes = "".join(_render_labelled_box(name, box, width / 640) for name, box in marks)
-        below = f'<image href="{source}" width="{width}" height="{height}"/>'
-        drawn = f'<svg viewBox="0 0 {width} {height}">{below}{boxes}</svg>'
+        scale, boxes = width / 640, ""
+        look = f'fill="none" stroke="#ffcd3c" stroke-width="{2 * scale:.1f}"'
+        outline = f'stroke="#000" stroke-width="{3 * scale:.1f}" paint-order="stroke" fill="#ffcd3c"'
+        for name, (left, top, box_width, box_height) in marks:
+            place = f'x="{left}" y="{top - 3 * scale:.1f}" font-size="{15 * scale:.1f}"'
+            boxes += f'<rect x="{left}" y="{top}" width="{box_width}" height="{box_height}" {look}/>'
+            boxes += f"<text {place} {outline}>{escape_html(name)}</text>"
+        photo = f'<image href="{source}" width="{width}" height="{height}"/>'
+        drawing = f'<svg viewBox="0 0 {width} {height}">{photo}{boxes}</svg>'
     else:
-        drawn = f'<img src="{source}" width="{width}" height="{height}" alt="{escape_html(caption)}">'
-    return f"<figure>{drawn}<figcaption>{escape_html(caption)}</figcaption></figure>"
+        drawing = f'<img src="{source}" width="{width}" height="{height}" alt="{escape_html(caption)}">'
+    return f"<figure>{drawing}<figcaption>{escape_html(caption)}</figcaption></figure>"
 
 
 def picture_url(image: npt.NDArray[np.uint8]) -> str:
-    """An image (H, W, 3) as a JPEG that stands in the page itself."""
-    return f"data:image/jpeg;base64,{base64.b64encode(_encode_jpeg(image)).decode()}"
-
-
-def _render_labelled_box(name: str, box: Rectangle, scale: float) -> str:
-    left, top, width, height = box
-    look = f'fill="none" stroke="#ffcd3c" stroke-width="{2 * scale:.1f}"'
-    outline = f'stroke="#000" stroke-width="{3 * scale:.1f}" paint-order="stroke" fill="#ffcd3c"'
-    rectangle = f'<rect x="{left}" y="{top}" width="{width}" height="{height}" {look}/>'
-    place = f'x="{left}" y="{top - 3 * scale:.1f}" font-size="{15 * scale:.1f}"'
-    return f"{rectangle}<text {place} {outline}>{escape_html(name)}</text>"
-
-
-def _encode_jpeg(image: npt.NDArray[np.uint8]) -> bytes:
+    """An image (H, W, 3), red first, as the data URL of a JPEG."""
     import cv2
 
-    return cv2.imencode(".jpg", np.ascontiguousarray(image[:, :, ::-1]), [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()
+    bgr = np.ascontiguousarray(image[:, :, ::-1])
+    jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()
+    return f"data:image/jpeg;base64,{base64.b64encode(jpeg).decode()}"

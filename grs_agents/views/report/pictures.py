@@ -1,5 +1,5 @@
-"""The pictures of a report: the photo with its boxes, photo over twin, the task as the photo's camera sees it, and the
-rollouts of the last audit, one of them as a film."""
+"""Pictures of a report: photo with boxes, photo over twin, the task from the photo's camera, and the rollouts of the
+last audit with a film."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,9 +16,9 @@ from grs_agents.base.foreign.run_folder import find_member_file, resolve_member_
 from grs_agents.base.trace.events import Event, Finding, NodeStarted, Rollout, SceneStage
 from grs_agents.library.asset_rendering import Lens
 from grs_agents.library.library import Library
-from grs_agents.sim.rendering.lenses import resize_lens
+from grs_agents.sim.rendering.cameras import resize_lens
+from grs_agents.sim.rendering.pictures import render_from_camera
 from grs_agents.sim.rendering.stage import scene_props_from_instance
-from grs_agents.sim.rendering.textured_pictures import render_from_camera
 from grs_agents.sim.world.bystanders import FIRST_BYSTANDER
 from grs_agents.views.common.rollout_motion import read_task_instance
 from grs_agents.views.common.scene_objects import (
@@ -41,40 +41,40 @@ from grs_agents.views.report import html
 AuditEvent = TypeVar("AuditEvent", Rollout, Finding)
 Image = npt.NDArray[np.uint8]
 FILM_RATE = 8.0
-"""Pictures a second of the film, or fewer: it has at most so many in all."""
+"""Frame rate of the film, 1/s, reduced where it would exceed ``_MOST_PICTURES`` frames."""
 _MOST_PICTURES = 96
 _FILM_SIZE = (560, 420)
 """Width and height of film and stills, pixels."""
 _VIEW_WIDTH = 640
-"""Pixels of the view of the task."""
+"""Width of the task view, pixels."""
 
 
 @dataclass(frozen=True)
 class Sources:
-    """Where pictures come from."""
+    """Sources of pictures."""
 
     folder: Path
     library: Library  # 3D assets, the run's own laid over
-    show: Callable[[str], None] | None = None  # is told what is drawn next
+    show: Callable[[str], None] | None = None  # receives a progress text
 
-    def report_drawing_progress(self, what: str) -> None:
-        """Say what is drawn next."""
+    def report_drawing_progress(self, subject: str) -> None:
+        """Report that ``subject`` is being drawn."""
         if self.show is not None:
-            self.show(f"drawing {what}")
+            self.show(f"drawing {subject}")
 
 
 @dataclass(frozen=True)
 class DrawnRollout:
-    """A rollout with its pictures: a film's, or the first and the last."""
+    """A rollout with the images of a film, or the first and the last image."""
 
     event: Rollout
     images: list[Image] = field(default_factory=list[Image])
-    rate: float = 0.0  # pictures a second of a film; 0 if it is none
-    problem: str = ""  # why there is no picture
+    rate: float = 0.0  # frames per second of a film; 0 if it is none
+    problem: str = ""  # reason for missing images
 
     @property
     def summary(self) -> str:
-        """How it went."""
+        """Outcome, cause, reward and moved objects."""
         event = self.event
         cause = f" ({event.cause})" if event.cause else ""
         verdict = f"Seed {event.seed}: {event.outcome}{cause}, reward {event.reward:.2f} after {event.steps} steps; "
@@ -83,19 +83,19 @@ class DrawnRollout:
 
 @dataclass(frozen=True)
 class _DrawingPlan:
-    """What is to be drawn of a rollout."""
+    """The frames to draw of a rollout."""
 
     take: Take
-    rate: float = 0.0  # pictures a second of a film; 0 if it is none
+    rate: float = 0.0  # frames per second of a film; 0 if it is none
 
     def finish(self, images: Iterator[Image]) -> DrawnRollout:
-        """The rollout with its pictures; those of a film with captions."""
-        shown = draw_take_captions(self.take, images) if self.rate else images
-        return DrawnRollout(self.take[0].event, list(shown), self.rate)
+        """The rollout with its images; those of a film get captions."""
+        captioned = draw_take_captions(self.take, images) if self.rate else images
+        return DrawnRollout(self.take[0].event, list(captioned), self.rate)
 
 
 def last_audit_events(events: Sequence[Event], kind: type[AuditEvent]) -> list[AuditEvent]:
-    """Return the last audit's rollouts or findings, or the rollouts that the node ``conclude`` played."""
+    """Rollouts or findings of the last audit; rollouts also of the node ``conclude``."""
     nodes = ("audit", "conclude") if kind is Rollout else ("audit",)
     starts = [at for at, event in enumerate(events) if isinstance(event, NodeStarted) and event.node in nodes]
     for at in reversed(starts or [0]):
@@ -106,18 +106,18 @@ def last_audit_events(events: Sequence[Event], kind: type[AuditEvent]) -> list[A
 
 
 def draw_last_audit_rollouts(events: Sequence[Event], sources: Sources) -> list[DrawnRollout]:
-    """The rollouts of the last audit; the first that failed, or else the first, as a film."""
-    played = last_audit_events(events, Rollout)
-    failed = (event for event in played if event.cause or event.outcome != "success")
-    filmed = next(failed, next(iter(played), None))
-    planned = [_plan_rollout(event, sources, event is filmed) for event in played]
-    sources.report_drawing_progress(f"{len(played)} rollouts")
+    """The rollouts of the last audit; the first failed rollout, or else the first, as a film."""
+    rollouts = last_audit_events(events, Rollout)
+    failed = (event for event in rollouts if event.cause or event.outcome != "success")
+    filmed = next(failed, next(iter(rollouts), None))
+    planned = [_plan_rollout(event, sources, event is filmed) for event in rollouts]
+    sources.report_drawing_progress(f"{len(rollouts)} rollouts")
     drawn = iter(_draw_planned_rollouts([plan for plan in planned if not isinstance(plan, DrawnRollout)]))
     return [plan if isinstance(plan, DrawnRollout) else next(drawn) for plan in planned]
 
 
 def _plan_rollout(event: Rollout, sources: Sources, filmed: bool) -> _DrawingPlan | DrawnRollout:
-    """What is to be drawn of a rollout; what came of it where nothing can be."""
+    """The frames to draw of a rollout, or the rollout without images."""
     if not (event.instance and event.recording and find_member_file(sources.folder, event.recording)):
         return DrawnRollout(event)
     shot = RolloutShot(sources.folder.resolve(), event, sources.library, *_FILM_SIZE)
@@ -132,7 +132,7 @@ def _plan_rollout(event: Rollout, sources: Sources, filmed: bool) -> _DrawingPla
 
 
 def _draw_planned_rollouts(plans: Sequence[_DrawingPlan]) -> list[DrawnRollout]:
-    """The rollouts, drawn by one process; where it fails, each by its own."""
+    """Draw the rollouts in a single process; if it fails, each in a process of its own."""
     try:
         images = render_takes([plan.take for plan in plans]) if plans else iter(())
         return [plan.finish(islice(images, len(plan.take[1]))) for plan in plans]
@@ -143,31 +143,31 @@ def _draw_planned_rollouts(plans: Sequence[_DrawingPlan]) -> list[DrawnRollout]:
 
 
 def render_film(drawn: Sequence[DrawnRollout], reason: str = "") -> str:
-    """The rollout that is a film; nothing where there is none. ``reason`` is that of a rejected run."""
-    for one in drawn:
-        if one.rate and one.images:
-            film = encode_animation(one.images, one.rate, "webp")
-            caption = f"The oracle at the task, seed {one.event.seed}: {reason or one.event.outcome}"
-            return html.render_film(film, one.images[-1], caption)
+    """The filmed rollout; empty without a film. ``reason`` is that of a rejected run."""
+    for item in drawn:
+        if item.rate and item.images:
+            film = encode_animation(item.images, item.rate, "webp")
+            caption = f"The oracle at the task, seed {item.event.seed}: {reason or item.event.outcome}"
+            return html.render_film(film, item.images[-1], caption)
     return ""
 
 
 def render_rollouts(drawn: Sequence[DrawnRollout]) -> Iterator[str]:
-    """Each rollout: its figures, before and after."""
-    for one in drawn:
-        yield html.render_paragraph(one.summary, "good" if one.event.outcome == "success" else "bad")
-        if one.problem:
-            yield html.render_paragraph(f"There is no picture of it: {one.problem}", "quiet")
-        if one.images:
-            stills = ((one.images[0], "before"), (one.images[-1], "after"))
+    """Each rollout: its summary, the images before and after."""
+    for item in drawn:
+        yield html.render_paragraph(item.summary, "good" if item.event.outcome == "success" else "bad")
+        if item.problem:
+            yield html.render_paragraph(f"There is no picture of it: {item.problem}", "quiet")
+        if item.images:
+            stills = ((item.images[0], "before"), (item.images[-1], "after"))
             yield html.render_side_by_side(
-                *(html.render_picture(image, f"{name}, seed {one.event.seed}") for image, name in stills)
+                *(html.render_picture(image, f"{name}, seed {item.event.seed}") for image, name in stills)
             )
 
 
 @dataclass
 class PhotoParts:
-    """What the stages of comprehension left of the photo."""
+    """Files, camera and objects of the scene stages."""
 
     files: dict[str, str] = field(default_factory=dict[str, str])
     camera: dict[str, Any] = field(default_factory=dict[str, Any])
@@ -175,7 +175,7 @@ class PhotoParts:
 
 
 def merge_scene_stage_summaries(events: Sequence[Event]) -> PhotoParts:
-    """What later stages say replaces what earlier ones said."""
+    """Merge the scene stages; later stages override earlier stages."""
     parts = PhotoParts()
     for event in events:
         if isinstance(event, SceneStage):
@@ -191,32 +191,37 @@ def render_photo_or_twin(photo: PhotoParts, folder: Path) -> str:
 
 
 def render_scene(events: Sequence[Event], photo: PhotoParts, sources: Sources) -> Iterator[str]:
-    """The photo with a numbered box around each object, the task as the photo's camera would see it, and the objects
-    as a table."""
+    """The photo with numbered boxes around its objects, the task from the photo's camera, and a table of objects."""
     sources.report_drawing_progress("the camera's view of the simulation")
     boxed = _render_annotated_photo(photo, sources.folder)
     yield html.render_side_by_side(boxed, _render_task_view(events, sources, photo.camera))
     if photo.objects:
-        others = _find_bystander_labels(events, sources.folder)
-        rows = [(*_object_row_cells(at, item), others.get(at, "")) for at, item in enumerate(photo.objects)]
+        bystanders = _find_bystander_labels(events, sources.folder)
+        rows = [
+            (
+                object_mask_label(item, index),
+                object_display_name(item),
+                format_object_size(item),
+                item.get("asset") or "",
+                item.get("description") or "",
+                bystanders.get(index, ""),
+            )
+            for index, item in enumerate(photo.objects)
+        ]
         yield html.render_table(["", "name", "size (cm)", "asset", "description", "in the task"], rows, (0,))
 
 
-def _object_row_cells(index: int, item: dict[str, Any]) -> tuple[object, ...]:
-    asset, description = item.get("asset") or "", item.get("description") or ""
-    return object_mask_label(item, index), object_display_name(item), format_object_size(item), asset, description
-
-
 def _find_bystander_labels(events: Sequence[Event], folder: Path) -> dict[int, str]:
-    """What the objects of the scene are, by their place in its list, that no goal of the last audit's task is about."""
-    played = [event.instance for event in last_audit_events(events, Rollout) if event.instance]
+    """Labels of the scene objects, by list index, that no goal of the last audited task involves."""
+    instances = [event.instance for event in last_audit_events(events, Rollout) if event.instance]
     try:
-        objects = read_task_instance(resolve_member_file(folder, played[0])).objects if played else ()
-    except GrsError:  # the picture of the task says so
+        objects = read_task_instance(resolve_member_file(folder, instances[0])).objects if instances else ()
+    except GrsError:  # reported in place of the task's picture
         return {}
-    others = (item for item in objects if item.role == "bystander")
     return {
-        item.id - FIRST_BYSTANDER: "fixed bystander" if item.category == "fixed" else "bystander" for item in others
+        item.id - FIRST_BYSTANDER: "fixed bystander" if item.category == "fixed" else "bystander"
+        for item in objects
+        if item.role == "bystander"
     }
 
 
@@ -238,13 +243,13 @@ def _render_annotated_photo(photo: PhotoParts, folder: Path) -> str:
 
 
 def _render_photo_over_twin(files: dict[str, str], folder: Path) -> str:
-    """The photo over its twin, up to an edge that can be dragged; in print one beside the other."""
+    """The photo over its twin, up to a draggable edge; in print side by side."""
     import cv2
 
-    found = [find_member_file(folder, files[name]) if name in files else None for name in ("rgb", "twin")]
-    if found[0] is None or found[1] is None:
+    paths = [find_member_file(folder, files[name]) if name in files else None for name in ("rgb", "twin")]
+    if paths[0] is None or paths[1] is None:
         return ""
-    photo, twin = (read_picture(file, cv2.IMREAD_COLOR)[:, :, ::-1] for file in found if file is not None)
+    photo, twin = (read_picture(file, cv2.IMREAD_COLOR)[:, :, ::-1] for file in paths if file is not None)
     height, width = twin.shape[:2]
     photo = cv2.resize(photo, (width, height), interpolation=cv2.INTER_AREA)
     over, under = (
@@ -259,7 +264,7 @@ def _render_photo_over_twin(files: dict[str, str], folder: Path) -> str:
 
 
 def _render_task_view(events: Sequence[Event], sources: Sources, camera: dict[str, Any]) -> str:
-    """The task as the camera of the photo would see it; nothing of a run that came to none."""
+    """The task from the photo's camera; empty for a run without rollouts."""
     played = [event for event in last_audit_events(events, Rollout) if event.instance]
     if not played or not camera.get("T_robot_cam"):
         return ""

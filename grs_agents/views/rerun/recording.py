@@ -1,6 +1,6 @@
-"""A rerun recording file with the four timelines; nothing is ever sent over a network.
-Times come from the events alone, so that a live and a rebuilt recording agree. Small rows are sent together: rerun
-takes about as long for one row as for many. The blueprint and the writers agree on the names of entities here."""
+"""A rerun recording with four timelines, written to a file or a local viewer. Times come from the events alone, so
+live and rebuilt recordings agree. Rows are batched: rerun takes about as long for a single row as for many.
+``Paths`` holds the entity paths shared by writers and blueprint."""
 
 import math
 import shutil
@@ -21,27 +21,27 @@ from grs_agents.base.errors import InputError
 from grs_agents.base.trace.events import Event, NodeStarted
 
 EVENT_SECONDS = 0.1
-"""Seconds of ``replay`` between two events inside a node; a node takes whole seconds, at least one."""
+"""Duration of an event on the ``replay`` timeline, s; a node lasts a whole number of seconds, at least 1."""
 
 
 @dataclass(frozen=True)
 class Moment:
-    """One instant on every timeline."""
+    """A point on every timeline."""
 
-    replay: float = 0.0  # seconds into the film of the run: a second a node, real seconds inside rollouts
+    replay: float = 0.0  # seconds of the replay: a second per node, real time in rollouts
     event: int = 0  # sequence number of the event
     attempt: int = 0
     simulated: float = 0.0  # simulated seconds of all rollouts so far
 
 
 class Clock:
-    """Turns events into moments."""
+    """Assigns moments to events."""
 
     def __init__(self) -> None:
         self.now = Moment()
 
     def advance_to_event(self, event: Event) -> Moment:
-        """The moment at which ``event`` is shown."""
+        """The moment of ``event``."""
         replay = self.now.replay + EVENT_SECONDS
         if isinstance(event, NodeStarted):
             replay = float(math.ceil(round(replay, 6)))
@@ -49,26 +49,26 @@ class Clock:
         return self.now
 
     def advance_by_seconds(self, seconds: float) -> None:
-        """Let ``seconds`` of a rollout go by."""
+        """Advance by ``seconds`` of a rollout."""
         now = self.now
         self.now = Moment(now.replay + seconds, now.event, now.attempt, now.simulated + seconds)
 
 
 Values = Mapping[str, list[Any]]
-"""What each component of a row holds; all lists are of one length."""
+"""The values of each component of a row, lists of equal length."""
 
 
 class Archetype(Protocol):
-    """An archetype of rerun of which many rows can be sent at once."""
+    """An archetype of rerun with batched rows."""
 
     @classmethod
     def columns(cls) -> rr.ComponentColumnList:
-        """The values of each of its components, named by keyword, one after the other."""
+        """The component columns of values named by keyword."""
         ...
 
 
 def build_time_columns(moments: Sequence[Moment]) -> tuple[rr.TimeColumn, ...]:
-    """Where rows stand on the four timelines."""
+    """Time columns of the four timelines."""
     return (
         rr.TimeColumn("replay", duration=[moment.replay for moment in moments]),
         rr.TimeColumn("event", sequence=[moment.event for moment in moments]),
@@ -77,66 +77,61 @@ def build_time_columns(moments: Sequence[Moment]) -> tuple[rr.TimeColumn, ...]:
     )
 
 
-class Rows:
-    """Rows that wait to be sent to ``stream``, for ``wait`` seconds at most, whatever happens meanwhile."""
+class RowBatcher:
+    """Rows that wait at most ``wait`` seconds to be sent to ``stream`` together."""
 
     def __init__(self, stream: rr.RecordingStream, wait: float) -> None:
         self._stream, self._wait = stream, wait
         self._lock = threading.Lock()
         self._timer: threading.Timer | None = None
-        self._waiting: dict[tuple[str, type[Archetype]], list[tuple[Moment, Values]]] = {}
+        self._pending: dict[tuple[str, type[Archetype]], list[tuple[Moment, Values]]] = {}
 
     def add_row(self, path: str, kind: type[Archetype], moment: Moment, values: Values) -> None:
-        """Send a row soon."""
+        """Queue a row."""
         with self._lock:
-            self._waiting.setdefault((path, kind), []).append((moment, values))
+            self._pending.setdefault((path, kind), []).append((moment, values))
             if self._timer is None:
                 self._timer = threading.Timer(self._wait, self.send_pending_rows)
                 self._timer.daemon = True
                 self._timer.start()
 
     def send_pending_rows(self) -> None:
-        """Send what waits."""
+        """Send the queued rows."""
         with self._lock:
             if self._timer:
                 self._timer.cancel()
-            waiting, self._waiting, self._timer = self._waiting, {}, None
-            for (path, kind), rows in waiting.items():
+            pending, self._pending, self._timer = self._pending, {}, None
+            for (path, kind), rows in pending.items():
                 times = build_time_columns([moment for moment, _ in rows])
-                columns = _merge_rows_into_columns(kind, [values for _, values in rows])
+                values = [values for _, values in rows]
+                flat = {name: [value for row in values for value in row[name]] for name in values[0]}
+                columns = kind.columns(**flat).partition([len(next(iter(row.values()))) for row in values])
                 self._stream.send_columns(path, times, columns, strict=True)
-
-
-def _merge_rows_into_columns(kind: type[Archetype], rows: list[Values]) -> rr.ComponentColumnList:
-    """The components of ``rows``, each as one column."""
-    flat = {name: [value for row in rows for value in row[name]] for name in rows[0]}
-    return kind.columns(**flat).partition([len(next(iter(row.values()))) for row in rows])
 
 
 APPLICATION = "grs"
 LEAST_FREE = 16 * 2**20
-"""Bytes that must be free on the disk before an event is recorded."""
+"""Free disk space required before an event is recorded, bytes."""
 LIVE_WAIT, FILE_WAIT = 0.5, 2.0
-"""Seconds that what is recorded may wait for more, where somebody watches and where nobody does: rerun takes as long
-for a chunk of one row as of many."""
+"""Batching delay with and without a live viewer, s: rerun takes as long for a chunk of a single row as of many."""
 BETWEEN_CHECKS = 0.2
-"""Seconds in which the disk is not looked at again."""
+"""Interval between checks of the free disk space, s."""
 
 
-class Recording:
-    """Writes archetypes to ``path`` (and to the viewer at the address ``live``) at the moment last set."""
+class RerunRecording:
+    """Writes archetypes at ``moment`` to the file ``path``, and to the viewer at the address ``live``."""
 
     _open: ClassVar[set[rr.RecordingStream]] = set()
-    """Streams that are not closed. Were one deleted, rerun (0.41) would flush it with a lock held for which the making
-    of another waits without letting go of Python's, which the flush needs in turn: both wait for ever. So none is."""
+    """Unclosed streams, kept alive to avoid a deadlock in rerun (0.41). Deleting a stream flushes it under a lock of
+    rerun and needs Python's; creating another stream waits for that lock while it holds Python's."""
 
     def __init__(self, path: Path, run_id: str, blueprint: rrb.Blueprint, live: str | None = None) -> None:
         self.moment = Moment()
         self._path = path
         self._space_checked = -BETWEEN_CHECKS
         self._prefix = ""
-        self._clocks: list[tuple[Moment, int] | None] = [None]  # one for all that lie below other paths
-        self.require_disk_space()  # before there is a stream: one whose file cannot be written may never close
+        self._clocks: list[tuple[Moment, int] | None] = [None]  # shared with the copies of `with_path_prefix`
+        self.require_disk_space()  # before the stream exists: if its file cannot be written, it may never close
         wait = LIVE_WAIT if live else FILE_WAIT
         together = rr.ChunkBatcherConfig(flush_tick=wait)
         self._stream = rr.RecordingStream(APPLICATION, recording_id=run_id, batcher_config=together)
@@ -148,16 +143,16 @@ class Recording:
         self._stream.set_log_time_enabled(False)
         self._stream.set_log_tick_enabled(False)
         self._stream.send_recording_name(run_id)
-        self._rows = Rows(self._stream, wait)
+        self._rows = RowBatcher(self._stream, wait)
 
-    def with_path_prefix(self, prefix: str) -> "Recording":
-        """The same recording, in which everything lies below ``prefix``; its moment is its own."""
-        other = copy(self)
-        other._prefix = prefix
-        return other
+    def with_path_prefix(self, prefix: str) -> "RerunRecording":
+        """A view of the same recording with its own moment and all entities below ``prefix``."""
+        prefixed = copy(self)
+        prefixed._prefix = prefix
+        return prefixed
 
     def require_disk_space(self) -> None:
-        """See that the disk has room for one more event: rerun may wait for ever for a file that it cannot write."""
+        """Raise InputError if the disk is nearly full: rerun may hang on a file that it cannot write."""
         now = monotonic()
         if now < self._space_checked + BETWEEN_CHECKS:
             return
@@ -167,31 +162,26 @@ class Recording:
             raise InputError(f"cannot go on with {self._path}: {free} bytes free on the disk", "free some space")
 
     def log(self, path: str, *archetypes: rr.AsComponents, static: bool = False) -> None:
-        """Log at the present moment, or for all time."""
-        if not static:
-            self._set_stream_time()
-        self._stream.log(f"{self._prefix}{path}", *archetypes, static=static, strict=True)
-
-    def log_row(self, path: str, kind: type[Archetype], **values: list[Any]) -> None:
-        """Log the components of an archetype at the present moment, together with other rows."""
-        self._rows.add_row(f"{self._prefix}{path}", kind, self.moment, values)
-
-    def log_markdown(self, path: str, markdown: str) -> None:
-        """Show a document."""
-        self.log_row(path, rr.TextDocument, text=[markdown], media_type=[rr.MediaType.MARKDOWN])
-
-    def _set_stream_time(self) -> None:
-        """Set the clocks, which rerun keeps for each thread, unless they stand right already."""
-        now = (self.moment, threading.get_ident())
-        if now != self._clocks[0]:
+        """Log at the present moment, or as static data."""
+        now = (self.moment, threading.get_ident())  # rerun keeps the times of each thread
+        if not static and now != self._clocks[0]:
             self._stream.set_time("replay", duration=self.moment.replay)
             self._stream.set_time("event", sequence=self.moment.event)
             self._stream.set_time("attempt", sequence=self.moment.attempt)
             self._stream.set_time("sim_time", duration=self.moment.simulated)
             self._clocks[0] = now
+        self._stream.log(f"{self._prefix}{path}", *archetypes, static=static, strict=True)
+
+    def log_row(self, path: str, kind: type[Archetype], **values: list[Any]) -> None:
+        """Queue the components of an archetype at the present moment."""
+        self._rows.add_row(f"{self._prefix}{path}", kind, self.moment, values)
+
+    def log_markdown(self, path: str, markdown: str) -> None:
+        """Log a Markdown document."""
+        self.log_row(path, rr.TextDocument, text=[markdown], media_type=[rr.MediaType.MARKDOWN])
 
     def log_columns(self, path: str, seconds: npt.NDArray[np.float64], columns: Iterable[rr.ComponentColumn]) -> None:
-        """Log one row for each of ``seconds`` (N,) after the present moment; each column has N rows."""
+        """Log N rows at ``seconds`` (N,) after the present moment."""
         moment, count = self.moment, len(seconds)
         indexes = (
             rr.TimeColumn("replay", duration=moment.replay + seconds),
@@ -202,7 +192,7 @@ class Recording:
         self._stream.send_columns(f"{self._prefix}{path}", indexes, columns, strict=True)
 
     def close(self) -> None:
-        """Write what is left and the footer."""
+        """Send queued rows and close the file."""
         try:
             self._rows.send_pending_rows()
         finally:

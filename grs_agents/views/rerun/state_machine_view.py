@@ -1,4 +1,4 @@
-"""The state machine in the recording: where each node stands, what leads where, its colour, and the lane of nodes."""
+"""The state machine in the recording: node positions, edges, colours, and the timeline of nodes."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import rerun as rr
 
 from grs_agents.base.trace.events import Event, NodeStarted, RunEnded, RunStarted
-from grs_agents.views.rerun.recording import Paths, Recording
+from grs_agents.views.rerun.recording import Paths, RerunRecording
 
 Color = tuple[int, int, int]
 Edge = tuple[str, str]
@@ -20,7 +20,7 @@ _ROWS = (
     ("", "fix_code", "route", "conclude"),
     ("", "fix_tests", "fix_task", END),
 )
-"""Where the nodes stand: perception goes right in the first row and back in the second."""
+"""Grid of nodes: perception goes right in the first row and back in the second."""
 _GRID: dict[str, tuple[float, float]] = {
     **{node: (column, row) for row, names in enumerate(_ROWS) for column, node in enumerate(names) if node},
     "hide_image": (-0.9, 1),
@@ -47,18 +47,18 @@ _COLORS: dict[str, Color] = {
 }
 _OTHER_COLORS: tuple[Color, ...] = ((140, 160, 190), (170, 190, 110), (210, 130, 130), (120, 200, 200))
 INACTIVE: Color = (118, 122, 138)
-"""Read on a light ground and on a dark one."""
+"""Legible on light and dark backgrounds."""
 TAKEN: Color = (205, 105, 30)
-"""Of how often an edge was taken, which stands beside it."""
+"""Colour of an edge's count."""
 
 
 def node_color(node: str) -> Color:
-    """The colour of ``node`` in the graph and in the lane of nodes."""
+    """Colour of ``node`` in the graph and in the timeline of nodes."""
     return _COLORS.get(node) or _OTHER_COLORS[sum(node.encode()) % len(_OTHER_COLORS)]
 
 
 def node_positions(nodes: Iterable[str]) -> dict[str, tuple[float, float]]:
-    """Positions in the plane, x right and y down; unknown nodes stand in columns to the right."""
+    """Positions in the plane, x right and y down; unknown nodes are placed in columns to the right."""
     positions: dict[str, tuple[float, float]] = {}
     unknown = 0
     for node in nodes:
@@ -75,12 +75,12 @@ _START, _END = "__start__", "__end__"  # as LangGraph calls them
 
 
 def _node_name(node: str) -> str:
-    """The name under which a node of the graph is drawn."""
+    """The displayed name of a node."""
     return END if node == _END else node
 
 
 class MachineView:
-    """Knows the nodes of the run's graph, how often each was visited and which is active."""
+    """Nodes of the run's graph with their visits, and the active node."""
 
     def __init__(self) -> None:
         self.nodes: tuple[str, ...] = (END,)
@@ -91,7 +91,7 @@ class MachineView:
         self._placed: tuple[str, ...] = ()
 
     def track_event(self, event: Event) -> None:
-        """Take in an event without showing it."""
+        """Update the state without logging."""
         if isinstance(event, RunStarted):
             nodes = (_node_name(node) for node in event.nodes if node != _START)
             self.nodes = tuple(dict.fromkeys((*nodes, END)))
@@ -109,38 +109,35 @@ class MachineView:
             self._taken[edge] = self._taken.get(edge, 0) + 1
         self._active = node
 
-    def log_static_graph(self, recording: Recording) -> None:
-        """What holds for the whole run: edges, and the colours of the lane."""
+    def log_static_graph(self, recording: RerunRecording) -> None:
+        """Log the edges, and the colours of the timeline."""
         recording.log(Paths.MACHINE, rr.GraphEdges(self._edges, graph_type="directed"), static=True)
         names = list(self.nodes)
         colors = [node_color(name) for name in names]
         recording.log(Paths.NODE, rr.StateConfiguration(values=names, labels=names, colors=colors), static=True)
 
-    def log_current_state(self, recording: Recording) -> None:
-        """The machine as it stands, with how often each edge was taken, and the active node in the lane."""
+    def log_current_state(self, recording: RerunRecording) -> None:
+        """Log the nodes with visit counts, edge counts, and the active node."""
         counts = {f"{tail} to {head}": f"{count}×" for (tail, head), count in self._taken.items()}
         names = (*self.nodes, *counts)
         colors = [node_color(node) if node == self._active else INACTIVE for node in self.nodes]
+        labels = [
+            f"{'● ' if node == self._active else ''}{node}{f' ×{self._visits[node]}' if self._visits.get(node) else ''}"
+            for node in self.nodes
+        ]
         looks: dict[str, Any] = {
-            "labels": [*map(self._node_label, self.nodes), *counts.values()],
+            "labels": [*labels, *counts.values()],
             "colors": [*colors, *[TAKEN] * len(counts)],
         }
         if names != self._placed:
             spots = node_positions(self.nodes)
-            places = [*spots.values(), *(_label_position(spots[tail], spots[head]) for tail, head in self._taken)]
+            ends = ((spots[tail], spots[head]) for tail, head in self._taken)
+            # a count is drawn nearer to the tail of its edge, since an opposite edge may exist
+            middles = ((0.58 * x + 0.42 * u, 0.58 * y + 0.42 * v) for (x, y), (u, v) in ends)
+            places = [*spots.values(), *middles]
             recording.log(Paths.MACHINE, rr.GraphNodes(names, positions=places, show_labels=True, **looks))
             self._placed = names
         else:
             recording.log_row(Paths.MACHINE, rr.GraphNodes, **looks)
         if self._active:
             recording.log_row(Paths.NODE, rr.StateChange, state=[self._active])
-
-    def _node_label(self, node: str) -> str:
-        visits = self._visits.get(node, 0)
-        return f"{'● ' if node == self._active else ''}{node}{f' ×{visits}' if visits else ''}"
-
-
-def _label_position(tail: tuple[float, float], head: tuple[float, float]) -> tuple[float, float]:
-    """Where the count of an edge stands: nearer to where it begins, since another edge may lead back."""
-    (x, y), (u, v) = tail, head
-    return 0.58 * x + 0.42 * u, 0.58 * y + 0.42 * v

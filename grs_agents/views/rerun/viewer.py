@@ -1,4 +1,4 @@
-"""Opening a recording in the rerun viewer, which listens to this machine alone."""
+"""Opening a recording in the rerun viewer, which listens on the loopback address only."""
 
 import contextlib
 import importlib.util
@@ -23,7 +23,7 @@ _SETTLED = 1.5  # seconds after which a viewer that still runs is taken to have 
 
 
 def find_rerun_program() -> Path:
-    """The viewer that comes with ``rerun-sdk``, found without importing rerun."""
+    """The viewer program of ``rerun-sdk``, located without importing rerun."""
     spec = importlib.util.find_spec("rerun_cli")
     for folder in (spec.submodule_search_locations or []) if spec else []:
         for name in ("rerun", "rerun.exe", "Rerun.app/Contents/MacOS/Rerun"):
@@ -33,7 +33,7 @@ def find_rerun_program() -> Path:
 
 
 def find_recordings(path: Path) -> list[Path]:
-    """The recording files of a run folder, parts of a resumed run included, or ``path`` itself."""
+    """The recording files of a run folder, parts of a resumed run included; or ``path`` itself."""
     files = sorted(path.glob("trace*.rrd")) if path.is_dir() else [path]
     if not files or not files[0].is_file():
         raise InputError(f"no recording in {path}", "name a run folder that holds trace.rrd")
@@ -42,27 +42,27 @@ def find_recordings(path: Path) -> list[Path]:
 
 @dataclass(frozen=True)
 class WebAddress:
-    """Where a viewer in the browser finds its page and its data, two ports of this machine."""
+    """Loopback ports of a browser viewer's page and of its data."""
 
     page: int
     data: int
 
     @classmethod
     def with_free_ports(cls) -> "WebAddress":
-        """Two ports that nothing listens to; the page's is the usual one if it can be."""
+        """Free ports; the usual page port if it is free."""
         with socket.socket() as probe:
             taken = probe.connect_ex((LOOPBACK, WEB_PORT)) == 0
         return cls(_find_free_port() if taken else WEB_PORT, _find_free_port())
 
     @property
     def url(self) -> str:
-        """What to open in the browser."""
+        """URL of the page."""
         data = quote(f"rerun+http://{LOOPBACK}:{self.data}/proxy", safe="")
         return f"http://{LOOPBACK}:{self.page}?url={data}"
 
 
 def viewer_command(path: Path, web: WebAddress | None = None) -> list[str]:
-    """The command that shows a recording in a window, or in the browser, fed by standard input (`open_viewer`)."""
+    """Command that opens a recording in a window, or in a browser with its data from standard input (`open_viewer`)."""
     place = ["--bind", LOOPBACK, "--port", str(web.data) if web else "auto"]
     if web:
         place += ["--web-viewer", "--web-viewer-port", str(web.page)]
@@ -70,8 +70,8 @@ def viewer_command(path: Path, web: WebAddress | None = None) -> list[str]:
 
 
 def viewer_environment() -> dict[str, str]:
-    """The environment for rerun's program in which it sends no usage data.
-    Its only switch beside a file in the user's home is to believe that it runs on a build machine."""
+    """Environment in which rerun sends no usage data.
+    Apart from a file in the user's home, its only switch is ``CI``, which marks a build machine."""
     return {**{key: value for key, value in os.environ.items() if key != "FORCE_RERUN_ANALYTICS"}, "CI": "1"}
 
 
@@ -81,7 +81,7 @@ def has_display(environment: Mapping[str, str] = os.environ, platform: str = sys
 
 
 def open_live_viewer() -> tuple[subprocess.Popen[bytes], str]:
-    """Open an empty viewer in a window; returns its process and the address to send a recording to."""
+    """Open an empty viewer window. Returns: its process, and the address for recordings."""
     if not has_display():
         raise InputError("no display to open the viewer on", "leave --view out, and open the run later: grs replay RUN")
     port = _find_free_port()
@@ -97,7 +97,7 @@ def _find_free_port() -> int:
 
 @contextlib.contextmanager
 def open_viewer(path: Path, web: WebAddress | None = None) -> Generator[subprocess.Popen[bytes]]:
-    """Open a recording in a window or in the browser at ``web``; the viewer's process ends with the context."""
+    """Open a recording in a window, or in the browser at ``web``; the viewer ends with the context."""
     command = viewer_command(path, web)
     if web is None and not has_display():
         files = shlex.join(file.name for file in find_recordings(path))
@@ -111,7 +111,7 @@ def open_viewer(path: Path, web: WebAddress | None = None) -> Generator[subproce
 
 
 def _stop_process(process: subprocess.Popen[bytes]) -> None:
-    """End a process that may have ended by itself."""
+    """End a process that may have ended already."""
     process.terminate()
     try:
         process.wait(_SETTLED)
@@ -121,14 +121,14 @@ def _stop_process(process: subprocess.Popen[bytes]) -> None:
 
 
 def _start_viewer(command: list[str], fed: Sequence[Path] = ()) -> subprocess.Popen[bytes]:
-    """The process of a viewer that did not end at once, with the files ``fed`` on its standard input.
-    That stays open as long as the process object lives: once all its sources have ended, rerun's server keeps a whole
-    processor busy."""
+    """Start a viewer with the files ``fed`` on its standard input. Raises GrsError: it ended at once. Standard input
+    stays open as long as the process object lives: after the end of all its sources, rerun's server keeps a
+    processor core busy."""
     with tempfile.TemporaryFile() as output, contextlib.ExitStack() as interrupted:
         stdin = subprocess.PIPE if fed else subprocess.DEVNULL
         process = subprocess.Popen(command, stdin=stdin, stdout=output, stderr=output, env=viewer_environment())
         interrupted.callback(_stop_process, process)
-        Thread(target=_write_files_to_stdin, args=(process, fed), daemon=True).start()
+        Thread(target=_feed_stdin, args=(process, fed), daemon=True).start()
         try:
             process.wait(_SETTLED)
         except subprocess.TimeoutExpired:
@@ -142,8 +142,7 @@ def _start_viewer(command: list[str], fed: Sequence[Path] = ()) -> subprocess.Po
     raise GrsError(f"the viewer ended at once: {reason}", f"try: {shlex.join(command)}")
 
 
-def _write_files_to_stdin(process: subprocess.Popen[bytes], files: Sequence[Path]) -> None:
-    """Write files to the standard input of a process, as far as it takes them."""
+def _feed_stdin(process: subprocess.Popen[bytes], files: Sequence[Path]) -> None:
     for path in files:
         with path.open("rb") as file, contextlib.suppress(BrokenPipeError):
             if process.stdin is not None:

@@ -1,4 +1,4 @@
-"""How the viewer lays a run out: an overview to open with, then one tab for each stage; two runs side by side."""
+"""Layout of the viewer: an overview and a tab for each stage of a run, or two runs side by side."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from grs_agents.views.rerun.waiting import placeholder_path
 
 
 def build_run_blueprint(nodes: tuple[str, ...]) -> rrb.Blueprint:
-    """The default layout of one run; ``nodes`` are those of its graph, which the graph view is fitted to."""
+    """Layout of a run; ``nodes`` are the nodes of its graph, to which the graph view is fitted."""
     views = _Views(nodes)
     stages = (views.overview_tab(), views.scene_tab(), views.programs_tab(), views.tests_and_fixes_tab())
     tabs = (*stages, views.rollouts_tab(), views.model_calls_tab())
@@ -20,7 +20,7 @@ def build_run_blueprint(nodes: tuple[str, ...]) -> rrb.Blueprint:
 
 
 def build_comparison_blueprint(runs: Sequence[tuple[str, str, tuple[str, ...]]]) -> rrb.Blueprint:
-    """The layout of runs side by side; each is its name, the path that its entities lie below, and its nodes."""
+    """Layout of runs side by side; each is its name, path prefix, and nodes."""
     columns = [_Views(nodes, prefix).comparison_column(name) for name, prefix, nodes in runs]
     return _make_blueprint(rrb.Horizontal(*columns))
 
@@ -28,7 +28,7 @@ def build_comparison_blueprint(runs: Sequence[tuple[str, str, tuple[str, ...]]])
 def _make_blueprint(content: rrb.Container) -> rrb.Blueprint:
     return rrb.Blueprint(
         content,
-        # At its latest moment every pane shows what came of the run; at the first one most say that there is nothing.
+        # Opens at the latest moment, where every pane shows a result; at the first moment most show a placeholder.
         rrb.TimePanel(state="collapsed", timeline="replay", play_state="following"),
         rrb.SelectionPanel(state="hidden"),
         rrb.BlueprintPanel(state="hidden"),
@@ -38,13 +38,13 @@ def _make_blueprint(content: rrb.Container) -> rrb.Blueprint:
 
 @dataclass(frozen=True)
 class _Views:
-    """The views of a run whose entities lie below ``prefix``."""
+    """Views of a run whose entities are below ``prefix``."""
 
     nodes: tuple[str, ...]
     prefix: str = ""
 
     def overview_tab(self) -> rrb.Vertical:
-        """The robot large, beside it the photo and what was decided, below them all the lane of steps."""
+        """The rollout in 3D; beside it photo and documents, below it the timeline of nodes."""
         scenes = rrb.Tabs(self._photo_view(), self._twin_view(), self._state_graph_view())
         texts = rrb.Tabs(*self._document_views("TASK SIMULATION DECISION AUDIT"))
         beside = rrb.Vertical(scenes, texts, row_shares=[1, 1])
@@ -52,10 +52,19 @@ class _Views:
         return rrb.Vertical(above, self._node_timeline_view(), row_shares=[6, 1], name="Overview")
 
     def scene_tab(self) -> rrb.Vertical:
-        above = rrb.Horizontal(self._photo_view(), self._twin_view(), self._depth_view())
+        depth = self._camera_view("Depth", Paths.DEPTH, placeholder_path(Paths.DEPTH))
+        above = rrb.Horizontal(self._photo_view(), self._twin_view(), depth)
         coverage = rrb.Spatial2DView(origin=self._prefixed_path(Paths.COVERAGE), name="Coverage")
         beside = rrb.Tabs(self._document_view("OBJECTS"), coverage)
-        below = rrb.Horizontal(self._scene_3d_view(), beside, column_shares=[3, 2])
+        scene, camera = self._prefixed_path(Paths.SCENE), self._prefixed_path(Paths.CAMERA)
+        scene_in_3d = rrb.Spatial3DView(
+            origin=scene,
+            contents=[f"{scene}/**", *(f"- {camera}/{part}/**" for part in ("masks", "boxes", "depth", "twin"))],
+            name="Scene in 3D",
+            eye_controls=_make_eye_controls((-0.15, -0.5, 0.6), (0.5, 0.0, 0.0)),
+            line_grid=False,
+        )
+        below = rrb.Horizontal(scene_in_3d, beside, column_shares=[3, 2])
         return rrb.Vertical(above, below, row_shares=[4, 5], name="1 Scene")
 
     def programs_tab(self) -> rrb.Vertical:
@@ -70,8 +79,9 @@ class _Views:
         return rrb.Vertical(above, below, row_shares=[3, 1], name="3 Tests and fixes")
 
     def rollouts_tab(self) -> rrb.Horizontal:
-        charts = (self._metric_chart_tabs(), self._event_log_view())
-        beside = rrb.Vertical(self._document_view("AUDIT"), *charts, row_shares=[3, 2, 3])
+        columns = rrb.archetypes.TextLogColumns(text_log_columns=["LogLevel", "Body"])
+        events = rrb.TextLogView(origin=self._prefixed_path(Paths.LOG), name="Events", columns=columns)
+        beside = rrb.Vertical(self._document_view("AUDIT"), self._metric_chart_tabs(), events, row_shares=[3, 2, 3])
         return rrb.Horizontal(self._rollout_3d_view(), beside, column_shares=[3, 2], name="4 Rollouts and audit")
 
     def model_calls_tab(self) -> rrb.Horizontal:
@@ -81,7 +91,7 @@ class _Views:
         return rrb.Horizontal(*self._document_views("PROMPT REPLY"), beside, column_shares=[3, 3, 2], name="Models")
 
     def comparison_column(self, name: str) -> rrb.Vertical:
-        """A run beside another."""
+        """A run of a comparison."""
         top = rrb.Tabs(self._state_graph_view(name), *self._document_views("TASK DECISION AUDIT"))
         pictures = (self._rollout_3d_view(), self._photo_view(), self._twin_view())
         before, after = self._document_views("SIMULATION TESTS"), self._document_views("REPORT PROMPT REPLY")
@@ -92,9 +102,9 @@ class _Views:
     def _prefixed_path(self, path: str) -> str:
         return f"{self.prefix}{path}"
 
-    def _document_view(self, what: str) -> rrb.TextDocumentView:
-        title = "Test report" if what == "REPORT" else what.capitalize()
-        return rrb.TextDocumentView(origin=self._prefixed_path(getattr(Paths, what)), name=title)
+    def _document_view(self, key: str) -> rrb.TextDocumentView:
+        title = "Test report" if key == "REPORT" else key.capitalize()
+        return rrb.TextDocumentView(origin=self._prefixed_path(getattr(Paths, key)), name=title)
 
     def _document_views(self, names: str) -> list[rrb.TextDocumentView]:
         return [self._document_view(name) for name in names.split()]
@@ -102,10 +112,6 @@ class _Views:
     def _diff_log_view(self) -> rrb.TextLogView:
         columns = rrb.archetypes.TextLogColumns(text_log_columns=["Body"])
         return rrb.TextLogView(origin=self._prefixed_path(Paths.DIFF), name="What changed", columns=columns)
-
-    def _event_log_view(self) -> rrb.TextLogView:
-        columns = rrb.archetypes.TextLogColumns(text_log_columns=["LogLevel", "Body"])
-        return rrb.TextLogView(origin=self._prefixed_path(Paths.LOG), name="Events", columns=columns)
 
     def _node_timeline_view(self) -> rrb.StateTimelineView:
         return rrb.StateTimelineView(origin=self._prefixed_path(Paths.NODE), name="Nodes over time")
@@ -131,26 +137,15 @@ class _Views:
         shown = (Paths.PHOTO, placeholder_path(Paths.PHOTO), f"{Paths.CAMERA}/masks", f"{Paths.CAMERA}/boxes")
         return self._camera_view("Photo", *shown)
 
-    def _depth_view(self) -> rrb.Spatial2DView:
-        return self._camera_view("Depth", Paths.DEPTH, placeholder_path(Paths.DEPTH))
-
     def _twin_view(self) -> rrb.Spatial2DView:
-        """The assets as the camera of the photo sees them, over the picture of the twin that MuJoCo drew."""
+        """The assets from the photo's camera, over the twin as MuJoCo rendered it."""
         shapes = (f"{Paths.TWIN}/**", f"{Paths.SURROUNDINGS}/**")
         return self._camera_view("Twin, same camera", Paths.TWIN_PICTURE, placeholder_path(Paths.TWIN_PICTURE), *shapes)
 
     def _camera_view(self, name: str, *paths: str) -> rrb.Spatial2DView:
-        """What lies at ``paths``, as the camera of the photo sees it."""
+        """The entities ``paths``, from the photo's camera."""
         origin = self._prefixed_path(Paths.CAMERA)
         return rrb.Spatial2DView(origin=origin, contents=[self._prefixed_path(path) for path in paths], name=name)
-
-    def _scene_3d_view(self) -> rrb.Spatial3DView:
-        scene, camera = self._prefixed_path(Paths.SCENE), self._prefixed_path(Paths.CAMERA)
-        contents = [f"{scene}/**", *(f"- {camera}/{part}/**" for part in ("masks", "boxes", "depth", "twin"))]
-        eye_controls = _make_eye_controls((-0.15, -0.5, 0.6), (0.5, 0.0, 0.0))
-        return rrb.Spatial3DView(
-            origin=scene, contents=contents, name="Scene in 3D", eye_controls=eye_controls, line_grid=False
-        )
 
     def _rollout_3d_view(self) -> rrb.Spatial3DView:
         return rrb.Spatial3DView(

@@ -1,4 +1,4 @@
-"""What stands in the panes at the first moment, until there is what they are for: no pane is empty."""
+"""Placeholders in the panes before their first content, and the table top of the rollout world."""
 
 from functools import lru_cache
 
@@ -9,29 +9,29 @@ from PIL import Image, ImageDraw, ImageFont
 
 from grs_agents.sim.instance.task_instance import InstanceTable
 from grs_agents.sim.world.appearance import TABLE_CENTER, TABLE_SIDE
-from grs_agents.views.rerun.recording import Paths, Recording
+from grs_agents.views.rerun.recording import Paths, RerunRecording
 
 NOT_YET = "*Not yet.*"
-"""Stands in a document until there is one."""
-_WORDS = NOT_YET.strip("*")
+"""Placeholder of a document."""
+_PLACEHOLDER_TEXT = NOT_YET.strip("*")
 _SIZE = (640, 480)
-"""Width and height of the pictures, pixels."""
+"""Width and height of placeholder pictures, pixels."""
 _GROUND, _INK = 48, 170
 _TABLE = ((0.5, 0.0, -0.011), (0.62, 1.1, 0.02))  # centre, size
 _TOP = -0.0005
-"""Height of the texture, m: above the box of the table, below the marks that lie on it."""
+"""Height of the texture, m: above the box of the table, below marks on the table."""
 _ABOVE_TABLE = (0.45, 0.0, 0.1)
 _PICTURES = (Paths.PHOTO, Paths.DEPTH, Paths.TWIN_PICTURE, Paths.COVERAGE, Paths.IMAGE)
 
 
 def placeholder_path(path: str) -> str:
-    """Where the words stand until there is something at ``path``: one path holds pictures of one kind and size."""
+    """Path of the placeholder of ``path``: an entity holds pictures of a single kind and size."""
     return f"{path}/not_yet"
 
 
-def log_placeholders(recording: Recording) -> None:
-    """Say in every picture and in the worlds that there is nothing yet."""
-    picture = rr.Image(_draw_placeholder())  # of encoded ones the viewer makes a film, from which nothing is cleared
+def log_placeholders(recording: RerunRecording) -> None:
+    """Log placeholders in all picture panes and 3D views."""
+    picture = rr.Image(_draw_placeholder())  # not encoded: the viewer shows encoded images as video and ignores Clear
     for path in _PICTURES:
         recording.log(placeholder_path(path), picture)
     lens = rr.Pinhole(
@@ -39,17 +39,21 @@ def log_placeholders(recording: Recording) -> None:
     )
     recording.log(Paths.CAMERA, lens)
     log_table_top(recording, InstanceTable())
-    words = rr.Points3D([_ABOVE_TABLE], labels=[_WORDS], show_labels=True, radii=[0.001], colors=[(_INK,) * 3])
-    recording.log(placeholder_path(Paths.WORLD), words)
+    label = rr.Points3D(
+        [_ABOVE_TABLE], labels=[_PLACEHOLDER_TEXT], show_labels=True, radii=[0.001], colors=[(_INK,) * 3]
+    )
+    recording.log(placeholder_path(Paths.WORLD), label)
 
 
-def clear_placeholder(recording: Recording, path: str) -> None:
-    """Take the words away: now there is something at ``path``."""
+def clear_placeholder(recording: RerunRecording, path: str) -> None:
+    """Clear the placeholder of ``path`` before its first content."""
     recording.log(placeholder_path(path), rr.Clear(recursive=False))
 
 
-def log_table_top(recording: Recording, looks: InstanceTable, texture: npt.NDArray[np.uint8] | None = None) -> None:
-    """The table top in the world of the rollouts; ``texture`` (N, N, 3) covers all of the simulated one."""
+def log_table_top(
+    recording: RerunRecording, looks: InstanceTable, texture: npt.NDArray[np.uint8] | None = None
+) -> None:
+    """The table top of the rollout world; ``texture`` (N, N, 3) covers the whole simulated table."""
     recording.log(Paths.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     (center, size), color = _TABLE, [round(255 * channel) for channel in looks.color]
     recording.log(f"{Paths.WORLD}/table", rr.Boxes3D(centers=[center], sizes=[size], colors=[color], fill_mode="solid"))
@@ -72,8 +76,8 @@ def log_table_top(recording: Recording, looks: InstanceTable, texture: npt.NDArr
 
 @lru_cache(maxsize=1)
 def _draw_placeholder() -> npt.NDArray[np.uint8]:
-    """The words in the middle of a grey picture (H, W)."""
+    """The placeholder text centred in a grey picture (H, W)."""
     image = Image.new("L", _SIZE, _GROUND)
     middle = (_SIZE[0] / 2, _SIZE[1] / 2)
-    ImageDraw.Draw(image).text(middle, _WORDS, _INK, ImageFont.load_default(32), anchor="mm")
+    ImageDraw.Draw(image).text(middle, _PLACEHOLDER_TEXT, _INK, ImageFont.load_default(32), anchor="mm")
     return np.asarray(image)

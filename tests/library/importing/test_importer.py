@@ -7,7 +7,7 @@ import pytest
 
 from evals.synthesis import Recipe
 from grs_agents.library.importing.archives import open_import_source
-from grs_agents.library.importing.asset_writing import asset_view_path
+from grs_agents.library.importing.asset_preparation import asset_view_path
 from grs_agents.library.importing.drop_testing import build_asset_colliders, run_drop_test, verify_asset
 from grs_agents.library.importing.importer import ImportRun
 from grs_agents.library.importing.journal import Journal

@@ -9,16 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grs_agents.library.importing.convex_decomposition import repair_mesh
-from grs_agents.library.importing.types import Ints, TexturedMesh
+from grs_agents.library.importing.types import AtlasMesh, Ints
 from grs_agents.library.mesh_files import mesh_volume
 
 SPHERE: Any = trimesh.creation.icosphere(2, 0.05)
 
 
-def solid(faces: Ints) -> TexturedMesh:
+def solid(faces: Ints) -> AtlasMesh:
     """Faces over the sphere's vertices, with a coordinate for each corner."""
     uvs = np.random.default_rng(0).uniform(size=(len(faces), 3, 2))
-    return TexturedMesh(np.asarray(SPHERE.vertices, np.float64), faces, uvs, np.zeros((4, 4, 3), np.uint8))
+    return AtlasMesh(np.asarray(SPHERE.vertices, np.float64), faces, uvs, np.zeros((4, 4, 3), np.uint8))
 
 
 @settings(max_examples=25, deadline=None)
@@ -56,6 +56,6 @@ def test_an_opening_stays_an_opening() -> None:
     faces = np.asarray(pipe.faces, np.int64)[sides]
     uvs = np.zeros((len(faces), 3, 2))
     _, watertight, notes = repair_mesh(
-        TexturedMesh(np.asarray(pipe.vertices, np.float64), faces, uvs, np.zeros((2, 2, 3), np.uint8))
+        AtlasMesh(np.asarray(pipe.vertices, np.float64), faces, uvs, np.zeros((2, 2, 3), np.uint8))
     )
     assert not watertight and "not watertight" in notes[-1]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from grs_agents.library.library import Library
-from grs_agents.perception.matching.feature_cache import (
+from grs_agents.perception.matching.asset_appearance import (
     cache_folder_path,
     hash_asset_files,
     load_cached_arrays,

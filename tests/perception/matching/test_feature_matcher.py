@@ -9,7 +9,7 @@ import pytest
 
 from evals.synthesis import Recipe
 from grs_agents.base.errors import ConfigError
-from grs_agents.library.asset import Manifest
+from grs_agents.library.asset import AssetManifest
 from grs_agents.library.library import Library
 from grs_agents.perception.matching.clip_matcher import Picture, match_by_clip, open_clip_embedder
 from grs_agents.perception.matching.feature_matcher import match_by_features, matchable_assets
@@ -93,7 +93,7 @@ def test_clip_takes_the_most_similar_or_none(photo: tuple[MatchRequest, dict[int
     request, _ = photo
     names = ("HOPE/Corn.urdf", "HOPE/Milk.urdf", "HOPE/Mustard.urdf")  # drawing all assets takes 13 s
     shutil.copytree(LIBRARY.roots[0] / "HOPE", tmp_path / "HOPE")
-    manifest = Manifest(assets=tuple(LIBRARY.asset(name) for name in names))
+    manifest = AssetManifest(assets=tuple(LIBRARY.asset(name) for name in names))
     (tmp_path / "manifest.json").write_text(manifest.model_dump_json())
     few = Library(tmp_path)
 

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from grs_agents.base import Vec3
 from grs_agents.base.errors import InputError
 from grs_agents.library.library import Library
-from grs_agents.perception.proxies.primitive_proxy import primitive_proxy
-from grs_agents.perception.proxies.proxy_writer import write_proxy
+from grs_agents.perception.proxies.proxy import primitive_proxy, write_proxy
 from grs_agents.perception.types import Solid
 
 EXTENTS = st.tuples(*[st.floats(0.005, 1.0)] * 3)

@@ -8,11 +8,9 @@ import pytest
 from grs_agents.base import Vec3
 from grs_agents.library import mesh_files
 from grs_agents.library.library import Library
-from grs_agents.perception.proxies.primitive_proxy import Proxy, primitive_proxy
-from grs_agents.perception.proxies.proxy_writer import write_proxy
+from grs_agents.perception.proxies.proxy import Proxy, primitive_proxy, write_proxy
 from grs_agents.perception.shapes.colliders import Hull
-from grs_agents.perception.shapes.types import TexturedMesh
-from grs_agents.perception.shapes.view import make_object_view
+from grs_agents.perception.shapes.types import ObjectMesh, make_object_view
 from grs_agents.perception.types import Solid, UprightBox
 from grs_agents.sim.instance.task_instance import InstanceObject
 from grs_agents.sim.world.collision_volumes import measure_inner_size
@@ -51,7 +49,7 @@ def test_a_shape_is_written_about_the_middle_of_its_colliders_with_the_mass_of_i
         (0.02, 0.0, 0.0)
     )
     faces = np.array([(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)])
-    mesh = TexturedMesh(vertices, faces, np.zeros((4, 2)), np.full((2, 2, 3), 200, np.uint8))
+    mesh = ObjectMesh(vertices, faces, np.zeros((4, 2)), np.full((2, 2, 3), 200, np.uint8))
     proxy = Proxy(mesh, (Hull(vertices),), hollow=False, color=RED)
     asset = write_proxy(tmp_path, "corner", proxy, "a corner")
     library = Library(tmp_path)

@@ -7,9 +7,9 @@ import numpy as np
 from grs_agents.base.geometry.transforms import pose_matrix
 from grs_agents.library.library import Library
 from grs_agents.library.shapes import matrix_from_quaternion, quaternion_from_rpy
-from grs_agents.perception.asset_surfaces import Cloud
+from grs_agents.perception.asset_surfaces import RegistrationCloud
 from grs_agents.perception.registration.pose_cost import sample_observed_points
-from grs_agents.perception.registration.pose_hypotheses import estimate_leaning_axes, propose_shifted_poses
+from grs_agents.perception.registration.registration import estimate_leaning_axes, propose_shifted_poses
 from grs_agents.perception.settling.settling import PlacedObject
 from grs_agents.perception.types import Mask
 from tests.perception.settling.photo import photo_of
@@ -22,7 +22,7 @@ def test_a_box_that_leans_is_told_by_its_faces() -> None:
     turn = quaternion_from_rpy(0.0, math.radians(30), 0.5)
     frame, table, mask = photo_of([PlacedObject(ASSET, ((0.5, 0.0, 0.1), turn))], LIBRARY)
     seen = sample_observed_points(frame, table, mask)
-    axes = estimate_leaning_axes(seen, Cloud(seen.points).normals)
+    axes = estimate_leaning_axes(seen, RegistrationCloud(seen.points).normals)
     assert axes is not None
     alike = np.abs(axes.T @ matrix_from_quaternion(turn)).max(axis=1)
     assert (alike > math.cos(math.radians(6))).all()
@@ -31,7 +31,7 @@ def test_a_box_that_leans_is_told_by_its_faces() -> None:
 def test_what_stands_upright_does_not_lean() -> None:
     frame, table, mask = photo_of([PlacedObject(ASSET, ((0.5, 0.0, 0.062), (0.0, 0.0, 0.0, 1.0)))], LIBRARY)
     seen = sample_observed_points(frame, table, mask)
-    assert estimate_leaning_axes(seen, Cloud(seen.points).normals) is None
+    assert estimate_leaning_axes(seen, RegistrationCloud(seen.points).normals) is None
 
 
 def test_a_half_that_is_seen_may_be_either_end() -> None:

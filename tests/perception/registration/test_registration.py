@@ -11,8 +11,7 @@ from grs_agents.base import Quat
 from grs_agents.library.library import Library
 from grs_agents.library.shapes import matrix_from_quaternion, quaternion_from_rpy
 from grs_agents.perception.asset_surfaces import find_asset_symmetry
-from grs_agents.perception.proxies.primitive_proxy import primitive_proxy
-from grs_agents.perception.proxies.proxy_writer import write_proxy
+from grs_agents.perception.proxies.proxy import primitive_proxy, write_proxy
 from grs_agents.perception.registration.registration import register_asset
 from grs_agents.perception.settling.settling import PlacedObject
 from grs_agents.perception.types import Mask, UprightBox

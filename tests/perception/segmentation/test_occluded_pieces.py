@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from grs_agents.perception.segmentation.occluded_pieces import join_occluded_pieces
+from grs_agents.perception.segmentation.piece_joining import join_occluded_pieces
 from grs_agents.perception.table_finding import find_table, robot_frame_point_map
 from grs_agents.perception.types import RGBDFrame
 from tests.perception.conftest import Thing, render

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from grs_agents.perception.segmentation.occlusion_edges import OcclusionEdges
+from grs_agents.perception.segmentation.part_merging import OcclusionEdges
 from grs_agents.perception.segmentation.segmentation import segment_objects_on_table
 from grs_agents.perception.table_finding import find_table, robot_frame_point_map
 from tests.perception.conftest import Rendered, Thing, render

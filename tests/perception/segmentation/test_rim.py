@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.perception.segmentation.rim_fit import fit_bowl_rim
+from grs_agents.perception.segmentation.footprints import fit_bowl_rim
 
 Floats = npt.NDArray[np.float64]
 

@@ -9,8 +9,8 @@ from grs_agents.base.mujoco_import import mujoco
 from grs_agents.library.library import Library
 from grs_agents.perception.settling.settling import PlacedObject, prepare_world_for_settling, to_instance_objects
 from grs_agents.perception.types import Camera, Mask, RGBDFrame, TableFrame
-from grs_agents.sim.rendering.plain_pictures import render_along_rays
-from grs_agents.sim.rendering.views import VisibleScene
+from grs_agents.sim.rendering.cameras import VisibleScene
+from grs_agents.sim.rendering.pictures import render_along_rays
 from grs_agents.sim.world.compilation import World, build_world, reset_world_to_poses
 
 WIDTH, HEIGHT, FOCAL = 240, 180, 300.0

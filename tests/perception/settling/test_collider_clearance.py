@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from grs_agents.base.geometry.transforms import pose_matrix, rotation_about_z
 from grs_agents.library.shapes import Shape
-from grs_agents.perception.settling.collider_clearance import PlacedColliders, Rank, clear_colliders, colliders_of_asset
+from grs_agents.perception.settling.proxy_placement import PlacedColliders, Rank, clear_colliders, colliders_of_asset
 from grs_agents.perception.shapes.colliders import Collider, Hull
 from grs_agents.perception.types import Array
 from tests.perception.settling.photo import LIBRARY, MILK

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from grs_agents.perception.settling.collision_repair import CollisionRepairs, KnownObject, repair_collisions
+from grs_agents.perception.settling.collision_repair import CollisionRepairs, repair_collisions
 from grs_agents.perception.settling.settling import PlacedObject
 from grs_agents.perception.types import Mask, RGBDFrame, TableFrame, UprightBox
 from tests.perception.settling.photo import LIBRARY, MILK, photo_of, standing
@@ -38,20 +38,21 @@ def photo() -> tuple[RGBDFrame, TableFrame, Mask, Mask]:
 def test_what_was_laid_into_another_thing_is_laid_beside_it(photo: tuple[RGBDFrame, TableFrame, Mask, Mask]) -> None:
     frame, table, can, carton = photo
     wrong = moved(BEHIND, -0.05, -0.01)
-    things = [KnownObject(FRONT, box_of(FRONT), can), KnownObject(wrong, box_of(wrong), carton)]
-    found = repair_collisions(things, frame, table, LIBRARY)
+    boxes = [box_of(FRONT), box_of(wrong)]
+    found = repair_collisions([FRONT, wrong], boxes, [can, carton], frame, table, LIBRARY)
     assert set(found.moved) == {1} and not found.wrong
     assert np.linalg.norm(np.subtract(found.moved[1].position, BEHIND.pose[0])) < 0.01
 
 
 def test_what_stands_side_by_side_stays(photo: tuple[RGBDFrame, TableFrame, Mask, Mask]) -> None:
     frame, table, can, carton = photo
-    things = [KnownObject(FRONT, box_of(FRONT), can), KnownObject(BEHIND, box_of(BEHIND), carton)]
-    assert repair_collisions(things, frame, table, LIBRARY) == CollisionRepairs()
-    assert repair_collisions([], frame, table, LIBRARY) == CollisionRepairs()
+    boxes = [box_of(FRONT), box_of(BEHIND)]
+    assert repair_collisions([FRONT, BEHIND], boxes, [can, carton], frame, table, LIBRARY) == CollisionRepairs()
+    assert repair_collisions([], [], [], frame, table, LIBRARY) == CollisionRepairs()
 
 
 def test_of_two_in_one_place_the_one_that_fits_worse_is_wrong(photo: tuple[RGBDFrame, TableFrame, Mask, Mask]) -> None:
     frame, table, can, _ = photo
-    twice = [KnownObject(FRONT, box_of(FRONT), can), KnownObject(moved(FRONT, 0.01, 0.0), box_of(FRONT), can)]
-    assert repair_collisions(twice, frame, table, LIBRARY) == CollisionRepairs(wrong=frozenset({1}))
+    twice, boxes = [FRONT, moved(FRONT, 0.01, 0.0)], [box_of(FRONT)] * 2
+    found = repair_collisions(twice, boxes, [can, can], frame, table, LIBRARY)
+    assert found == CollisionRepairs(wrong=frozenset({1}))

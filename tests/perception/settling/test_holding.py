@@ -1,7 +1,6 @@
 """What would fall stays where the photo shows it."""
 
-from grs_agents.perception.settling.settling import PlacedObject, settle_objects
-from grs_agents.perception.settling.twin_report import settle_and_measure_fidelity
+from grs_agents.perception.settling.settling import PlacedObject, settle_and_measure_fidelity, settle_objects
 from tests.perception.settling.photo import BLOCK, LIBRARY, MILK, photo_of, standing
 
 

@@ -9,15 +9,15 @@ import trimesh
 
 from grs_agents.library.library import Library
 from grs_agents.library.shapes import matrix_from_quaternion
-from grs_agents.perception.proxies.primitive_proxy import Proxy, primitive_proxy
+from grs_agents.perception.proxies.proxy import Proxy, primitive_proxy
 from grs_agents.perception.settling.proxy_placement import (
-    UnknownObject,
+    PlacedProxy,
     extend_box_to_support,
     place_with_cleared_colliders,
     settle_with_stable_colliders,
 )
 from grs_agents.perception.shapes.colliders import Hull
-from grs_agents.perception.shapes.types import TexturedMesh
+from grs_agents.perception.shapes.types import ObjectMesh
 from grs_agents.perception.types import UprightBox
 from tests.perception.settling.photo import LIBRARY, MILK, photo_of, standing
 
@@ -29,15 +29,15 @@ def box_at(x: float, y: float, bottom: float = 0.0) -> UprightBox:
     return UprightBox(center=(x, y, bottom + SIZE[2] / 2), size=SIZE, yaw=0.3)
 
 
-def unknown(name: str, box: UprightBox, proxy: Proxy | None = None) -> UnknownObject:
-    return UnknownObject(name, "a thing", "box", box, proxy or primitive_proxy("box", SIZE, RED))
+def unknown(name: str, box: UprightBox, proxy: Proxy | None = None) -> PlacedProxy:
+    return PlacedProxy(name, "a thing", "box", box, proxy or primitive_proxy("box", SIZE, RED))
 
 
 def pointed() -> Proxy:
     """A box to look at that touches with a cone upside down alone."""
     mesh = trimesh.creation.box(SIZE)
     vertices = np.asarray(mesh.vertices, np.float64) + np.array((0.0, 0.0, SIZE[2] / 2))
-    plain = TexturedMesh(vertices, np.asarray(mesh.faces, np.int64), np.zeros((8, 2)), np.zeros((2, 2, 3), np.uint8))
+    plain = ObjectMesh(vertices, np.asarray(mesh.faces, np.int64), np.zeros((8, 2)), np.zeros((2, 2, 3), np.uint8))
     top = vertices[vertices[:, 2] > 0]
     return Proxy(plain, (Hull(np.concatenate([top, [(0.02, 0.0, 0.0)]])),), hollow=False, color=RED)
 
@@ -67,7 +67,7 @@ def test_what_was_cut_off_above_its_support_stands_on_it(tmp_path: Path) -> None
     assert reaching.size[2] == pytest.approx(SIZE[2] + 0.01)
     assert reaching.center[2] + reaching.size[2] / 2 == pytest.approx(upper.center[2] + SIZE[2] / 2)
     assert extend_box_to_support(box_at(0.5, 0.0)) == box_at(0.5, 0.0)
-    stacked = UnknownObject("upper", "a thing", "box", reaching, primitive_proxy("box", reaching.size, RED))
+    stacked = PlacedProxy("upper", "a thing", "box", reaching, primitive_proxy("box", reaching.size, RED))
     placed = place_with_cleared_colliders([lower, stacked], tmp_path, LIBRARY)
     library = Library(tmp_path)
     heights = [library.load_object_model(one.asset).size[2] for one in placed]

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from grs_agents.perception.settling.settling import settle_objects
-from grs_agents.perception.settling.twin_report import measure_depth_fidelity, settle_and_measure_fidelity
+from grs_agents.perception.settling.settling import measure_depth_fidelity, settle_and_measure_fidelity, settle_objects
 from tests.perception.settling.photo import BLOCK, LIBRARY, MILK, photo_of, standing
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from grs_agents.library.shapes import Shape
 from grs_agents.perception.shapes.colliders import Collider, Hull, clip_hull_corners_to_half_space, fit_colliders
-from grs_agents.perception.shapes.types import ObjectShape, TexturedMesh
+from grs_agents.perception.shapes.types import ObjectMesh, ObjectShape
 from grs_agents.perception.types import Array, Mask
 
 RNG = np.random.default_rng(0)
@@ -20,7 +20,7 @@ def shape_of(mesh: trimesh.Trimesh, walls: Array | None = None) -> ObjectShape:
     """The mesh of a shape, standing on the support."""
     vertices = np.asarray(mesh.vertices, np.float64) - (0.0, 0.0, mesh.bounds[0][2])
     faces, uvs = np.asarray(mesh.faces, np.int64), np.zeros((len(vertices), 2))
-    textured = TexturedMesh(vertices, faces, uvs, np.zeros((2, 2, 3), np.uint8))
+    textured = ObjectMesh(vertices, faces, uvs, np.zeros((2, 2, 3), np.uint8))
     return ObjectShape(textured, "lathe" if walls is not None else "voxels", walls is not None, walls, 1.0, 0.0)
 
 

@@ -2,8 +2,7 @@
 
 from pathlib import Path
 
-from grs_agents.runs.batch.batch import BatchOrder, find_scenes_given_up
-from grs_agents.runs.batch.diversity import describe_diversity, mark_repeated_tasks
+from grs_agents.runs.batch.batch import BatchOrder, describe_diversity, find_scenes_given_up, mark_repeated_tasks
 from grs_agents.runs.batch.results import BatchResults
 from grs_agents.runs.batch.row import BatchRow
 

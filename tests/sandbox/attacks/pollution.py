@@ -32,7 +32,7 @@ from grs_agents import sim
 from grs_agents.base.mujoco_import import mujoco
 from grs_agents.sandbox.harness import channel
 from grs_agents.sandbox.protocol import wire
-from grs_agents.sim.world import templates
+from grs_agents.sim.world import context
 
 libc = ctypes.CDLL(None)
 
@@ -87,7 +87,7 @@ def simulation(pollute: bool) -> Any:
         sim.set_environment_defaults(seed=99)
         task, environment = cast(Any, sim.Task), cast(Any, sim.Environment)
         task.reset = environment.step = lambda *_: None
-    return [templates.defaults.seed, sim.Task.reset.__name__, sim.Environment.step.__name__]
+    return [context.PROCESS_CONTEXT.seed, sim.Task.reset.__name__, sim.Environment.step.__name__]
 
 
 def machinery(pollute: bool) -> Any:

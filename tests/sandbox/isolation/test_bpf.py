@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from grs_agents.sandbox.isolation.seccomp import (
     NUMBER,
-    Answer,
     Branch,
+    FilterAction,
     Load,
     Node,
     assemble_instructions,
@@ -26,7 +26,7 @@ from grs_agents.sandbox.isolation.seccomp import (
 from tests.sandbox import classic_bpf
 
 words = st.integers(0, 2**32 - 1) | st.integers(0, 9)
-answers = st.integers(0, 2**31).map(Answer)
+answers = st.integers(0, 2**31).map(FilterAction)
 tests = st.sampled_from([branch_if_equal, branch_if_at_least, branch_if_any_bit])
 
 
@@ -45,7 +45,7 @@ trees = st.recursive(answers, wider, max_leaves=30).map(lambda node: Load(NUMBER
 def decide(node: Node, number: int, arguments: tuple[int, ...]) -> int:
     """Walk the tree itself."""
     word = 0
-    while not isinstance(node, Answer):
+    while not isinstance(node, FilterAction):
         if isinstance(node, Load):
             place = node.offset
             index, upper = divmod(place - 16, 8)
@@ -65,7 +65,9 @@ def test_the_program_answers_as_the_tree(tree: Node, number: int, arguments: tup
 
 @given(st.lists(words, max_size=600, unique=True), words)
 def test_one_of_many_values(values: list[int], word: int) -> None:
-    program = encode_instructions(assemble_instructions(Load(NUMBER, branch_if_one_of(values, Answer(1), Answer(2)))))
+    program = encode_instructions(
+        assemble_instructions(Load(NUMBER, branch_if_one_of(values, FilterAction(1), FilterAction(2))))
+    )
     assert classic_bpf.run(program, word) == (1 if word in values else 2)
     assert all(classic_bpf.run(program, value) == 1 for value in values)
 
@@ -74,23 +76,23 @@ def test_one_of_many_values(values: list[int], word: int) -> None:
 def test_ranges_of_any_length(borders: list[int], number: int) -> None:
     starts = [0, *sorted(borders)]
     program = assemble_instructions(
-        Load(NUMBER, branch_by_range([(start, Answer(index)) for index, start in enumerate(starts)]))
+        Load(NUMBER, branch_by_range([(start, FilterAction(index)) for index, start in enumerate(starts)]))
     )
     assert classic_bpf.run(encode_instructions(program), number) == bisect_right(starts, number) - 1
 
 
 def test_no_jump_is_too_far_for_its_byte() -> None:
-    long: Node = Answer(1)
+    long: Node = FilterAction(1)
     for value in range(500):
-        long = branch_if_equal(value + 10, Answer(2), long)
-    program = assemble_instructions(Load(NUMBER, Branch(0x15, 5, long, Answer(3))))
+        long = branch_if_equal(value + 10, FilterAction(2), long)
+    program = assemble_instructions(Load(NUMBER, Branch(0x15, 5, long, FilterAction(3))))
     assert max(max(true, false) for _, true, false, _ in program) <= 255
     assert [classic_bpf.run(encode_instructions(program), number) for number in (5, 6)] == [1, 3]
 
 
 def test_an_operand_is_replaced_wherever_it_stands() -> None:
     program = assemble_instructions(
-        Load(NUMBER, branch_if_equal(7, Answer(1), branch_if_at_least(7, Answer(2), Answer(3))))
+        Load(NUMBER, branch_if_equal(7, FilterAction(1), branch_if_at_least(7, FilterAction(2), FilterAction(3))))
     )
     encoded = bytearray(encode_instructions(program))
     for place in find_operand_offsets(program, 7):

@@ -1,4 +1,4 @@
-"""What a robot's MJCF file may hold, and what of a usual one is let be."""
+"""Elements that a robot's MJCF file may hold, and those that are refused."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What stands at a target blocks it: it makes room, or the oracle says truly why it cannot."""
+"""Blocked targets: the blocker is cleared, or the oracle reports why it cannot be."""
 
 import math
 
@@ -17,7 +17,7 @@ def add_bystander(env: Environment, asset: str, pose: Pose) -> int:
 
 
 def shift_of(number: int, env: Environment) -> float:
-    """How far (m) an object is from where it stood at the start."""
+    """Distance (m) of an object from its start."""
     return math.dist(env.get_object_pose(number)[0], env.places[number][0])
 
 

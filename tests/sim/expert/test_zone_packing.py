@@ -4,7 +4,7 @@ from sim_scenes import Scripted, at, zone_goal
 
 from grs_agents.sim import Environment, Task
 from grs_agents.sim.expert.zone_packing import pack_objects_into_zone
-from grs_agents.sim.goals.scene_view import SceneView
+from grs_agents.sim.goals.planning_scene import PlanningScene
 from grs_agents.sim.instance.goal import Zone
 
 
@@ -19,7 +19,7 @@ def test_the_first_member_gets_a_spot_or_nobody_does() -> None:
     task = Scripted(scene)
     env = Environment(task=task)
     env.reset()
-    view = SceneView(env, task.grs.stated, task.goals)
+    view = PlanningScene(env, task.grs.stated, task.goals)
     zone = Zone(pose=at(0.5, 0.2, 0.1), size=small)
     assert set(pack_objects_into_zone(zone, [2, 1], view, 0.4)) == {2}
     assert pack_objects_into_zone(zone, [1, 2], view, 0.4) == {}

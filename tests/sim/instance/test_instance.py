@@ -1,4 +1,4 @@
-"""What an instance may say: a hostile program may hand over any JSON."""
+"""Bounds of an instance: a hostile program may hand over any JSON."""
 
 import json
 import math

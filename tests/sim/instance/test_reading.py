@@ -73,7 +73,7 @@ _ODD = (
 
 
 def places(tree: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
-    """Where something is in a tree of JSON."""
+    """Paths of all entries in a tree of JSON."""
     inner = tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()
     return [(*path, key) for key, _ in inner] + [one for key, item in inner for one in places(item, (*path, key))]
 

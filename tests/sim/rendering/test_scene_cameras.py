@@ -168,7 +168,7 @@ def test_rays_show_textures(physics: Physics) -> None:
 
 
 def draw_in_a_fork(cameras: SceneCameras, physics: Physics, send: Callable[[tuple[str, float]], None]) -> None:
-    """What the child draws with, and how varied it is."""
+    """Backend of the child, and the variation of its image."""
     color = cameras.render_color(physics, "front")
     send((cameras.backend, float(color.std())))
 
@@ -200,13 +200,13 @@ def test_without_a_graphics_library_there_are_rays(physics: Physics, monkeypatch
     monkeypatch.setenv("MUJOCO_GL", "disabled")
     assert SceneCameras(INSTANCE, LIBRARY, SIZE).backend == "rays"
     monkeypatch.setenv("MUJOCO_GL", "egl")
-    monkeypatch.setattr(opengl, "_make_context", refuse)
+    monkeypatch.setattr(opengl, "OpenGLPainter", refuse)
     cameras = SceneCameras(INSTANCE, LIBRARY, SIZE)
     assert cameras.render_color(physics, "front").std() > 10 and cameras.backend == "rays"
 
 
 def refuse(*_: object) -> None:
-    """What a driver does that worked a moment ago."""
+    """Stand-in for a driver that worked a moment ago."""
     raise OpenGLError("no context", "none")
 
 

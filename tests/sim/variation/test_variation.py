@@ -54,7 +54,7 @@ def vary(instance: TaskInstance, variation: Variation, seed: int) -> TaskInstanc
 
 
 def offset(instance: TaskInstance, one: int, other: int) -> np.ndarray:
-    """Where an object is in the frame of another, as seven numbers."""
+    """Pose of an object in the frame of another, as seven numbers."""
     poses = {item.id: item.pose for item in instance.objects}
     return np.concatenate(transforms.compose_poses(transforms.invert_pose(poses[one]), poses[other]))
 
@@ -190,7 +190,7 @@ def test_too_many_distractors_are_refused() -> None:
         vary(PACKING, Variation(distractors=50), 0)
 
 
-def test_parts_are_what_stands_together() -> None:
-    parts = measure_base_scene(PACKING, LIBRARY).parts
-    assert sorted(sorted(part.objects) for part in parts) == [[1], [2], [3, 4], [5], [6]]
-    assert next(part for part in parts if 1 in part.objects).zones == {(0, 0)}
+def test_groups_are_objects_in_contact() -> None:
+    groups = measure_base_scene(PACKING, LIBRARY).groups
+    assert sorted(sorted(group.objects) for group in groups) == [[1], [2], [3, 4], [5], [6]]
+    assert next(group for group in groups if 1 in group.objects).zones == {(0, 0)}

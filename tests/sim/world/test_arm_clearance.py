@@ -8,8 +8,8 @@ import pytest
 from grs_agents.library.background_asset import write_background_asset
 from grs_agents.library.library import Library
 from grs_agents.sim import Environment, InstanceObject, InstanceTask, TaskInstance
-from grs_agents.sim.rendering.plain_pictures import render_views
-from grs_agents.sim.rendering.views import View, VisibleScene
+from grs_agents.sim.rendering.cameras import LookAtCamera, VisibleScene
+from grs_agents.sim.rendering.pictures import render_views
 from grs_agents.sim.world.compilation import compute_arm_spheres_at_home
 
 SHELF = np.array([[[0.4, -0.3, 0.10], [0.6, -0.1, 0.12]]])
@@ -51,7 +51,7 @@ def test_an_environment_takes_it_away_again(library: Library) -> None:
 
 
 def test_cameras_see_it(library: Library) -> None:
-    view = View((0.5, -0.2, 1.0), (0.5, -0.19, 0.0), height=60, width=80)
+    view = LookAtCamera((0.5, -0.2, 1.0), (0.5, -0.19, 0.0), height=60, width=80)
     sight = VisibleScene((), library, background="background/room.urdf")
     red, _, blue = render_views(sight, [view])[0].color[30, 40].tolist()
     assert blue > 3 * red

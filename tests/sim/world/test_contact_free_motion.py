@@ -7,7 +7,7 @@ from sim_scenes import Scripted, at
 from grs_agents.base.geometry import transforms
 from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.sim import Environment
-from grs_agents.sim.motion.pick_place import PickPlace
+from grs_agents.sim.motion.pick_place import PickPlaceMotion
 
 
 def scene_of(*assets: tuple[str, float, float, float], robot: str = "ur5e") -> Environment:
@@ -23,7 +23,7 @@ def scene_of(*assets: tuple[str, float, float, float], robot: str = "ur5e") -> E
 def holding(*others: tuple[str, float, float, float], robot: str = "ur5e") -> Environment:
     """A block hangs 10 cm over the table."""
     env = scene_of(("block/block.urdf", 0.5, -0.2, 0.02), *others, robot=robot)
-    hand = PickPlace(env.physics, env.collider_prisms, {1: "block"})
+    hand = PickPlaceMotion(env.physics, env.collider_prisms, {1: "block"})
     assert hand.pick_and_lift(at(0.5, -0.2, 0.04), 0.1).placed
     return env
 

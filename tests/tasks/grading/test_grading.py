@@ -8,9 +8,9 @@ from grs_agents.base.files import write_json
 from grs_agents.library.library import Library
 from grs_agents.sim import instantiate
 from grs_agents.tasks.grading.grade import grade_task, noise_at_half_success
-from grs_agents.tasks.grading.primitive_policy import Demonstration, PrimitivePolicy
+from grs_agents.tasks.grading.primitive_policy import PrimitiveDemonstration, PrimitivePolicy
 from grs_agents.tasks.grading.primitive_task import (
-    Decision,
+    CarryDecision,
     PrimitiveTask,
     decide,
     demonstrate,
@@ -44,11 +44,11 @@ def folder(tmp_path):
 
 def test_a_decision_carries_an_object_to_a_place_with_a_yaw() -> None:
     task = PrimitiveTask(INSTANCE, LIBRARY)
-    task.carry(Decision(3, (0.45, 0.1), 0.5))
+    task.carry(CarryDecision(3, (0.45, 0.1), 0.5))
     assert task.object_frame(3) == pytest.approx((0.45, 0.1, 0.5), abs=0.01)
     assert not task.is_solved
-    task.carry(Decision(3, (0.6, -0.25), 0.0))
-    task.carry(Decision(2, (0.5, 0.25), 0.0))
+    task.carry(CarryDecision(3, (0.6, -0.25), 0.0))
+    task.carry(CarryDecision(2, (0.5, 0.25), 0.0))
     assert task.is_over
     assert task.is_solved
 
@@ -71,7 +71,7 @@ def test_right_answers_of_two_kinds_are_told_apart_rather_than_averaged() -> Non
     side = np.sign(features[:, 0])
     places = np.column_stack([0.2 * side, 0.1 * features[:, 1], np.where(side > 0, 0.0, np.pi)])
     alone = (np.ones((200, 1), dtype=bool), np.zeros(200, dtype=int))
-    policy = PrimitivePolicy([Demonstration(features, *alone, places)], iterations=600)
+    policy = PrimitivePolicy([PrimitiveDemonstration(features, *alone, places)], iterations=600)
     assert policy.slots >= 2
     for told in ((0.5, 0.4, 0.0), (-0.5, -0.3, 0.1)):
         number, (x, y, yaw) = policy(np.array(told), [True])

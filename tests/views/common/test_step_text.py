@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from grs_agents.base.control_characters import escape_control_chars
 from grs_agents.base.errors import InputError
-from grs_agents.base.terminal.control_characters import escape_control_chars
 from grs_agents.base.trace.events import Finding, NodeEnded, NodeStarted
 from grs_agents.base.trace.log import read_events
 from grs_agents.views.common.event_steps import Step, Steps, group_events_into_steps

@@ -20,14 +20,15 @@ from grs_agents.sim.arms.registry import get_arm
 from grs_agents.sim.rendering.stage import Stage, scene_props_from_instance
 from grs_agents.views.common.rollout_motion import find_grasps, read_motion, read_task_instance
 from grs_agents.views.film import rollout_film
-from grs_agents.views.film.captions import draw_captions, write_moment_captions
 from grs_agents.views.film.recorded_motion import recover_joint_positions, show_recorded_frame
 from grs_agents.views.film.rollout_film import (
     RolloutShot,
+    draw_caption,
     find_recorded_rollout,
     play_in_mujoco_window,
     render_takes,
     write_film,
+    write_moment_captions,
 )
 from tests.views.conftest import write_rollout
 
@@ -91,7 +92,7 @@ def test_a_film_shows_what_moves_with_or_without_a_graphics_library(
     shot = RolloutShot(folder, event, library, width=160, height=120)
     take = (shot, [0.0, shot.recorded_motion.duration_seconds])
     drawn = [image.astype(int) for image in render_takes([take])]
-    monkeypatch.setattr(rollout_film, "_rendering_backends", lambda: ("nonsense", "rays"))
+    monkeypatch.setattr(rollout_film, "_BACKENDS", ("nonsense", "rays"))
     cast = [image.astype(int) for image in render_takes([take])]
     for first, last in (drawn, cast):
         assert first.shape == (120, 160, 3)
@@ -104,7 +105,7 @@ def test_a_film_is_written_in_real_time(
     played: tuple[Path, Rollout], library: Library, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, name: str
 ) -> None:
     folder, event = played
-    monkeypatch.setattr(rollout_film, "_rendering_backends", lambda: ("rays",))
+    monkeypatch.setattr(rollout_film, "_BACKENDS", ("rays",))
     shot = RolloutShot(folder, event, library, width=96, height=64)
     frames = write_film(shot, tmp_path / name, rate=2)
     assert frames == int(shot.recorded_motion.duration_seconds * 2) + 1
@@ -131,7 +132,7 @@ def test_a_film_tells_goal_action_and_reward(played: tuple[Path, Rollout], libra
     assert [action for _, action, _ in told] == [f"action 1 of 1: {words}" for words in actions]
     assert [outcome for _, _, outcome in told][::2] == ["0.0 s", "success, reward 1.00"]
     image = np.full((120, 160, 3), 200, np.uint8)
-    (drawn,) = draw_captions(iter([image]), iter([("x" * 500, "y\x1b", "z")]))
+    drawn = draw_caption(image, ("x" * 500, "y\x1b", "z"))
     changed = (drawn != image).any(axis=(1, 2))
     assert not changed[:80].any() and changed[-20:].all()
 
@@ -178,7 +179,7 @@ def test_long_captions_are_cut_before_they_are_measured(monkeypatch: pytest.Monk
 
     monkeypatch.setattr(ImageDraw.ImageDraw, "textlength", count)
     image, word = np.zeros((240, 320, 3), np.uint8), "word " * 200_000
-    drawn = next(draw_captions(iter([image]), iter([(word, word, word)])))
+    drawn = draw_caption(image, (word, word, word))
     assert drawn.any() and max(measured) <= 401 and len(measured) < 40
 
 
@@ -212,7 +213,7 @@ def test_a_film_reads_its_recording_in_a_worker(
 
     monkeypatch.setattr(rollout_film, "read_motion", read)
     monkeypatch.setattr(rollout_film, "decode_in_worker", decode)
-    monkeypatch.setattr(rollout_film, "_rendering_backends", lambda: ("rays",))
+    monkeypatch.setattr(rollout_film, "_BACKENDS", ("rays",))
     shot = RolloutShot(folder, event, library, width=96, height=64)
     write_film(shot, tmp_path / "film.gif", rate=1)
     assert readers and all(readers) and workers == [(folder,)]

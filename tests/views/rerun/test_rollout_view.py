@@ -11,7 +11,7 @@ from grs_agents.base.errors import InputError
 from grs_agents.base.trace.events import Rollout
 from grs_agents.library.library import Library
 from grs_agents.sim.instance.task_instance import InstanceObject, TaskInstance
-from grs_agents.views.rerun.recording import Paths, Recording
+from grs_agents.views.rerun.recording import Paths, RerunRecording
 from grs_agents.views.rerun.rollout_view import RolloutView, rollout_duration
 
 
@@ -26,7 +26,9 @@ def rollout(
     return Rollout(seed=0, reward=0.0, outcome="nothing_to_do", instance="instance.json")
 
 
-def test_shapes_are_logged_again_only_where_they_differ(recording: Recording, tmp_path: Path, library: Library) -> None:
+def test_shapes_are_logged_again_only_where_they_differ(
+    recording: RerunRecording, tmp_path: Path, library: Library
+) -> None:
     view = RolloutView(tmp_path, library)
     for color in (None, None, (0.0, 1.0, 0.0, 1.0)):
         assert view.show_rollout(recording, rollout(tmp_path, color)) == 0.0
@@ -40,7 +42,7 @@ def test_shapes_are_logged_again_only_where_they_differ(recording: Recording, tm
     assert cleared == [shapes[0].removesuffix("/0")] or cleared == [shapes[1].removesuffix("/0")]
 
 
-def test_a_bystander_is_called_one(recording: Recording, tmp_path: Path, library: Library) -> None:
+def test_a_bystander_is_called_one(recording: RerunRecording, tmp_path: Path, library: Library) -> None:
     RolloutView(tmp_path, library).show_rollout(recording, rollout(tmp_path, None, "bystander"))
     recording.close()
     chunks = [chunk.to_record_batch() for chunk in RrdReader(tmp_path / "a.rrd").stream().to_chunks()]
@@ -48,7 +50,7 @@ def test_a_bystander_is_called_one(recording: Recording, tmp_path: Path, library
 
 
 def test_a_broken_recording_is_an_input_error_and_a_missing_one_lasts_no_time(
-    recording: Recording, tmp_path: Path, library: Library
+    recording: RerunRecording, tmp_path: Path, library: Library
 ) -> None:
     event = Rollout(seed=0, reward=0.0, outcome="error", recording="r.npz")
     assert rollout_duration(tmp_path, event) == 0.0

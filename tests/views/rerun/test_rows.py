@@ -6,13 +6,13 @@ from pathlib import Path
 import rerun as rr
 from rerun.chunk import RrdReader
 
-from grs_agents.views.rerun.recording import Moment, Rows
+from grs_agents.views.rerun.recording import Moment, RowBatcher
 
 
 def test_rows_are_sent_together_each_at_its_moment(tmp_path: Path) -> None:
     stream = rr.RecordingStream("grs", recording_id="a")
     stream.save(tmp_path / "a.rrd")
-    rows = Rows(stream, wait=60.0)
+    rows = RowBatcher(stream, wait=60.0)
     for event in range(3):
         moment = Moment(event / 10, event, attempt=1, simulated=2.0)
         rows.add_row("/seconds", rr.Scalars, moment, {"scalars": [float(event)]})
@@ -35,7 +35,7 @@ def test_rows_are_sent_together_each_at_its_moment(tmp_path: Path) -> None:
 def test_a_row_is_sent_though_nothing_follows(tmp_path: Path) -> None:
     stream = rr.RecordingStream("grs", recording_id="a")
     stream.save(tmp_path / "a.rrd")
-    Rows(stream, wait=0.1).add_row("/seconds", rr.Scalars, Moment(), {"scalars": [1.0]})
+    RowBatcher(stream, wait=0.1).add_row("/seconds", rr.Scalars, Moment(), {"scalars": [1.0]})
     found = 0
     while not found:
         with suppress(RuntimeError):  # a message is being written

@@ -10,19 +10,19 @@ from rerun.chunk import RrdReader
 from grs_agents.base.errors import InputError
 from grs_agents.base.trace.events import SceneStage
 from grs_agents.library.library import Library
-from grs_agents.views.rerun.recording import Paths, Recording
-from grs_agents.views.rerun.scene_view import SceneView
+from grs_agents.views.rerun.recording import Paths, RerunRecording
+from grs_agents.views.rerun.scene_view import SceneStageView
 
 CAMERA = {"fx": 50.0, "fy": 50.0, "cx": 16.0, "cy": 12.0, "width": 32, "height": 24, "depth_scale": 0.001}
 
 
-def test_the_cloud_lies_where_the_camera_says(recording: Recording, tmp_path: Path) -> None:
+def test_the_cloud_lies_where_the_camera_says(recording: RerunRecording, tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "rgb.png"), np.full((24, 32, 3), 200, np.uint8))
     depth = np.zeros((24, 32), np.uint16)
     depth[12, 16] = 800
     cv2.imwrite(str(tmp_path / "depth.png"), depth)
     pose = [[0, -1, 0, 0.5], [-1, 0, 0, 0.1], [0, 0, -1, 0.8], [0, 0, 0, 1]]
-    view = SceneView(tmp_path, Library())
+    view = SceneStageView(tmp_path, Library())
     files = {"rgb": "rgb.png", "depth": "depth.png"}
     view.show_scene_stage(recording, SceneStage(stage="frame", summary={"camera": CAMERA}, files=files))
     view.show_scene_stage(recording, SceneStage(stage="segmented", summary={"camera": {**CAMERA, "T_robot_cam": pose}}))
@@ -32,14 +32,16 @@ def test_the_cloud_lies_where_the_camera_says(recording: Recording, tmp_path: Pa
     assert np.allclose(points, [[[0.5, 0.1, 0.0]]], atol=1e-6)
 
 
-def test_a_missing_picture_is_an_input_error(recording: Recording, tmp_path: Path) -> None:
+def test_a_missing_picture_is_an_input_error(recording: RerunRecording, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"cannot read .*lost\.png"):
-        SceneView(tmp_path, Library()).show_scene_stage(recording, SceneStage(stage="frame", files={"rgb": "lost.png"}))
+        SceneStageView(tmp_path, Library()).show_scene_stage(
+            recording, SceneStage(stage="frame", files={"rgb": "lost.png"})
+        )
 
 
-def test_objects_without_boxes_or_masks_are_still_listed(recording: Recording, tmp_path: Path) -> None:
+def test_objects_without_boxes_or_masks_are_still_listed(recording: RerunRecording, tmp_path: Path) -> None:
     objects = [{"name": "milk_1", "asset": "HOPE/Milk.urdf"}, {"id": 7, "description": "a box"}]
-    SceneView(tmp_path, Library()).show_scene_stage(
+    SceneStageView(tmp_path, Library()).show_scene_stage(
         recording, SceneStage(stage="described", summary={"objects": objects})
     )
     recording.close()

@@ -5,7 +5,7 @@ from pathlib import Path
 from rerun.chunk import RrdReader
 
 from grs_agents.base.trace.events import NodeStarted, RunEnded, RunStarted
-from grs_agents.views.rerun.recording import Moment, Paths, Recording
+from grs_agents.views.rerun.recording import Moment, Paths, RerunRecording
 from grs_agents.views.rerun.state_machine_view import MachineView
 from grs_agents.views.rerun.viewer_layout import build_run_blueprint
 
@@ -18,7 +18,7 @@ def test_the_graph_of_the_run_is_shown_with_visits(tmp_path: Path) -> None:
     view.track_event(NodeStarted(node="route", visit=1))
     view.track_event(NodeStarted(node="route", visit=2))
     assert view.nodes == ("route", "mine", "end")
-    recording = Recording(tmp_path / "a.rrd", "a", build_run_blueprint(view.nodes))
+    recording = RerunRecording(tmp_path / "a.rrd", "a", build_run_blueprint(view.nodes))
     view.log_static_graph(recording)
     view.log_current_state(recording)
     view.track_event(NodeStarted(node="mine", visit=1))

@@ -1,1 +1,1 @@
-"""The judge by rules: what a task's words ask for, compared with its goals told in sentences."""
+"""The judge by rules: compares a task's words with its goals in sentences."""

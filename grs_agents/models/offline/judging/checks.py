@@ -1,11 +1,10 @@
-"""What each kind of request asks of the scene: things are put, stacked, sorted, lined up, cleared, exchanged, left."""
+"""Checks of each kind of request: put, stack, sort, line up, clear, exchange and leave objects."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from itertools import pairwise, product
 
 from grs_agents.models.offline.judging.arrangements import MEASURES, is_ordered_by_size, require_arrangement
-from grs_agents.models.offline.judging.ordering import require_order_in_time
 from grs_agents.models.offline.judging.places import (
     Differs,
     Places,
@@ -31,26 +30,27 @@ from grs_agents.models.offline.judging.scene import Scene, Thing
 _FAR_ENOUGH = 0.05
 """Metres: less is a nudge."""
 _TALL, _LAIN = 1.2, 60
-"""Height against width of what stands or lies, and degrees from which on it lies."""
+"""Ratio of height to width of an upright object, and tilt (degrees) of a lying object."""
+_SPATIAL = {"leftright", "rightleft", "bottomup", "topdown", "sidebyside", "inrow"}
 _WHERE = {"sidebyside", "inrow", "together"}
-"""Places of things among one another."""
+"""Places of objects relative to each other."""
 _ANYWHERE = {"move", "shift", "relocate", "transfer", *PUSHING}
-"""What is done to things whose new place is left open."""
+"""Verbs that leave the new place open."""
 
 
 @dataclass(frozen=True)
 class _Mention:
-    """A mention of something that must move, and what it may be."""
+    """A mention of an object that must move, and the objects that it may mean."""
 
     phrase: Phrase
     request: Request
     options: tuple[int, ...]
-    fault: str  # what is wrong where nothing will do
+    fault: str  # reason if no object will do
 
 
 @dataclass
 class _RequestChecker:
-    """One reading of the words, checked against the scene."""
+    """An interpretation of the words, checked against the scene."""
 
     scene: Scene
     mentions: list[_Mention] = field(default_factory=list[_Mention])
@@ -62,8 +62,27 @@ class _RequestChecker:
         """Mentions of all that a request moves; gives their numbers."""
         added: list[int] = []
         for phrase in request.movers:
-            found = self._find_things_to_move(phrase)
-            faults = {thing.id: self._explain_unmet_request(thing, request, places, least) for thing in found}
+            meant = self.scene.find(phrase, movable=True)
+            several = phrase.plural or phrase.article in ("all", "each")
+            if several and not phrase.has_no_specific_noun and not self.scene.is_called(phrase):
+                raise Unclear(f"which things on the table are {phrase.text} is not told by what they are called")
+            if not meant:
+                fixed = self.scene.find(phrase)
+                raise Differs(f"{phrase.text} cannot move" if fixed else f"there is no such thing as {phrase.text}")
+            require_several(phrase, meant)
+            meant = (
+                meant
+                if any(
+                    mention.phrase.article == "a" and mention.phrase.nouns == phrase.nouns for mention in self.mentions
+                )
+                else narrow_to_things_meant(phrase, meant)
+            )
+            faults = {
+                thing.id: (
+                    explain_why_thing_stays(thing, least) or explain_misplacement(thing, request, places, self.scene)
+                )
+                for thing in meant
+            }
             for numbers in _split_mention(phrase, list(faults), request):
                 added.append(len(self.mentions))
                 good = tuple(number for number in numbers if not faults[number])
@@ -71,26 +90,9 @@ class _RequestChecker:
                 self.mentions.append(_Mention(phrase, request, good, fault))
         return added
 
-    def _find_things_to_move(self, phrase: Phrase) -> list[Thing]:
-        found = self.scene.find(phrase, movable=True)
-        several = phrase.plural or phrase.article in ("all", "each")
-        if several and not phrase.has_no_specific_noun and not self.scene.is_called(phrase):
-            raise Unclear(f"which things on the table are {phrase.text} is not told by what they are called")
-        if not found:
-            fixed = self.scene.find(phrase)
-            raise Differs(f"{phrase.text} cannot move" if fixed else f"there is no such thing as {phrase.text}")
-        require_several(phrase, found)
-        return found if self._was_introduced(phrase) else narrow_to_things_meant(phrase, found)
-
-    def _was_introduced(self, phrase: Phrase) -> bool:
-        """Whether the words spoke of such a thing before, as any one: a can, then the can."""
-        return any(one.phrase.article == "a" and one.phrase.nouns == phrase.nouns for one in self.mentions)
-
-    def _explain_unmet_request(self, thing: Thing, request: Request, places: Places, least: float) -> str:
-        return explain_why_thing_stays(thing, least) or explain_misplacement(thing, request, places, self.scene)
-
     def assign_things_to_mentions(self) -> dict[int, int]:
-        """A thing for each mention, no thing for two; requests in the same words may share one where they must."""
+        """Assign an object to each mention, no object to two (maximum bipartite matching); requests in the same words
+        may share an object if they must."""
         owner: dict[int, int] = {}  # thing -> mention
 
         def assign_thing_to_mention(index: int, seen: set[int]) -> bool:
@@ -103,20 +105,17 @@ class _RequestChecker:
             return False
 
         for index in sorted(range(len(self.mentions)), key=lambda index: len(self.mentions[index].options)):
-            if not assign_thing_to_mention(index, set()) and not self._is_mentioned_by_another_request(index):
-                raise Differs(self.mentions[index].fault)
+            if assign_thing_to_mention(index, set()):
+                continue
+            mention = self.mentions[index]
+            others = [rival for rival in self.mentions if rival.request is not mention.request]
+            if not mention.options or all(rival.phrase != mention.phrase for rival in others):
+                raise Differs(mention.fault)
         return {index: number for number, index in owner.items()}
-
-    def _is_mentioned_by_another_request(self, index: int) -> bool:
-        """Whether another request speaks of the same thing in the same words."""
-        own = self.mentions[index]
-        return bool(own.options) and any(
-            other.phrase == own.phrase and other.request is not own.request for other in self.mentions
-        )
 
 
 def explain_why_thing_stays(thing: Thing, least: float) -> str:
-    """What speaks against a thing's being moved by ``least`` metres as a goal asks, empty where nothing does."""
+    """Reason why an object is not moved by ``least`` metres for a goal; empty if it is."""
     if thing.bystander:
         return f"{thing.label} is a bystander, the words move it"
     if not thing.goals:
@@ -125,7 +124,7 @@ def explain_why_thing_stays(thing: Thing, least: float) -> str:
 
 
 def _split_mention(phrase: Phrase, numbers: list[int], request: Request) -> Iterator[list[int]]:
-    """What each single mention in a phrase may mean: any, of so many as it counts; each by itself; or any one."""
+    """Candidates of each single mention in a phrase: all for each of as many as it counts; each separately; or any."""
     if phrase.number is not None:
         if len(numbers) < phrase.number:
             raise Differs(f"there are {len(numbers)} of {phrase.text}, the words say {phrase.number}")
@@ -137,52 +136,78 @@ def _split_mention(phrase: Phrase, numbers: list[int], request: Request) -> Iter
 
 
 def require_requests_are_met(requests: Sequence[Request], places: Sequence[Places], scene: Scene) -> None:
-    """Raises ``Differs`` unless all that is asked for happens, and nothing else moves."""
+    """Raises ``Differs`` or ``Unclear`` unless all requests are met, and nothing else moves."""
     check = _RequestChecker(scene)
     for request, chosen in zip(requests, places, strict=True):
-        kind = _classify_request(request)
-        _require_orders_are_checked(request, kind)
+        kind = next((kind for kind, verbs in _KINDS if request.verb in verbs), "move")
+        kind = "heading" if request.heading and kind != "leave" else kind
+        if unchecked := request.orders - _ORDERS[kind]:
+            raise Unclear(f"what {' and '.join(sorted(unchecked))} asks of what is to {request.verb} is not understood")
         _CHECKS[kind](request, chosen, check)
     taken = check.assign_things_to_mentions()
-    _require_no_unnamed_moves(scene.moved - set(taken.values()), check)
-    things = {index: scene.things[number] for index, number in taken.items()}
-    movers = [
-        [things[i] for i, one in enumerate(check.mentions) if one.request is request and i in things]
-        for request in requests
-    ]
-    require_order_in_time(requests, movers)
-    for mentions, follow in check.later:
-        numbers = taken.values() if mentions is None else [taken[index] for index in mentions if index in taken]
-        follow([scene.things[number] for number in numbers])
-
-
-def _require_orders_are_checked(request: Request, kind: str) -> None:
-    if unchecked := request.orders - _ORDERS[kind]:
-        raise Unclear(f"what {' and '.join(sorted(unchecked))} asks of what is to {request.verb} is not understood")
-
-
-def _require_no_unnamed_moves(unnamed: set[int], check: _RequestChecker) -> None:
-    """Raises where something moves that no mention means."""
-    scene = check.scene
+    unnamed = scene.moved - set(taken.values())
     loosely = [mention.phrase for mention in check.mentions if mention.phrase.article == "a"]
     if any(scene.things[number] in scene.find(phrase) for number in unnamed for phrase in loosely):
         raise Unclear("how many things the words mean by an indefinite article is not understood")
     if unnamed:
         names = ", ".join(scene.things[number].label for number in sorted(unnamed))
         raise Differs(f"the words do not name {names}, which moves")
+    things = {index: scene.things[number] for index, number in taken.items()}
+    movers = [
+        [things[i] for i, counted in enumerate(check.mentions) if counted.request is request and i in things]
+        for request in requests
+    ]
+    _require_order_in_time(requests, movers)
+    for mentions, follow in check.later:
+        numbers = taken.values() if mentions is None else [taken[index] for index in mentions if index in taken]
+        follow([scene.things[number] for number in numbers])
 
 
-def _classify_request(request: Request) -> str:
-    if request.verb in LEAVING:
-        return "leave"
-    if request.heading:
-        return "heading"
-    kinds = (("stack", STACKING), ("sort", SORTING), ("line", LINING), ("clear", CLEARING), ("swap", SWAPPING))
-    return next((kind for kind, verbs in kinds if request.verb in verbs), "move")
+def _require_order_in_time(requests: Sequence[Request], movers: Sequence[Sequence[Thing]]) -> None:
+    """Check that goals ask for things in the order of the words, and the film shows them in it.
+
+    Args:
+        requests: parsed from the words.
+        movers: the things moved by each request.
+
+    Raises:
+        Differs: a thing is moved, or asked for, too early.
+    """
+    pairs: list[tuple[int, int]] = []  # numbers of an earlier and a later request
+    for number, request in enumerate(requests):
+        rest = [index for index in range(len(requests)) if index != number]
+        pairs += [(index, number) for index in range(number) if request.after]
+        pairs += [(number, index) for index in rest if request.first]
+        pairs += [(index, number) for index in rest if request.last]
+    for earlier, later in pairs:
+        for before, after in product(movers[earlier], movers[later]):
+            _require_moved_before(before, after)
+    for request, things in zip(requests, movers, strict=True):
+        if request.verb in LINING or request.orders & _SPATIAL:
+            continue  # an order of places
+        row = list(things) if "inorder" in request.orders else []
+        measures = request.orders & MEASURES.keys()
+        if "sizedfirst" in request.orders and measures and request.verb not in STACKING:
+            measure, sign = MEASURES[min(measures)]
+            row = sorted(things, key=lambda thing: sign * thing.measure(measure))
+        for before, after in pairwise(row):
+            _require_moved_before(before, after)
+
+
+def _require_moved_before(before: Thing, after: Thing) -> None:
+    if before is after:
+        return
+    if not before.actions or not after.actions or before.actions[-1] >= after.actions[-1]:
+        raise Differs(f"{after.label} is not moved after {before.label}, which the words put first")
+    if before.asked_by[-1] < after.asked_by[-1]:
+        return
+    stacked = before.asked_by[-1] == after.asked_by[-1] and ("on", before.id) in after.ends
+    if not stacked:
+        raise Differs(f"no goal asks for {before.label} before {after.label}: goals are met in their order")
 
 
 def _check_move_request(request: Request, places: Places, check: _RequestChecker) -> None:
-    """Things are put somewhere."""
+    """Objects are put into a place."""
     where = request.relations or request.orders & _WHERE or request.verb in _ANYWHERE
     if not request.movers or not where:
         raise Unclear(f"what to {request.verb}, and whereto, is not said")
@@ -214,7 +239,7 @@ def _require_separate_places(things: Sequence[Thing]) -> None:
 
 
 def _check_heading_request(request: Request, places: Places, check: _RequestChecker) -> None:
-    """What is said in detail afterwards: all that moves must keep to it."""
+    """Check a request that later requests specify in detail: it applies to everything that moves."""
     if request.verb in CLEARING:
         check.later.append((None, lambda things: _require_places_are_cleared(request, check.scene)))
         return
@@ -238,7 +263,7 @@ def _check_heading_request(request: Request, places: Places, check: _RequestChec
 
 
 def _require_sorted_into_groups(request: Request, things: Sequence[Thing]) -> None:
-    """Things of one colour or kind share a place, and others do not."""
+    """Objects of equal colour or kind share a place, and others do not."""
     for order, values in (
         ("bycolor", [thing.color for thing in things]),
         ("bykind", [thing.category for thing in things]),
@@ -249,8 +274,9 @@ def _require_sorted_into_groups(request: Request, things: Sequence[Thing]) -> No
 
 
 def _require_places_match_colors(things: Sequence[Thing], check: _RequestChecker) -> None:
-    """Where places have the colours of the things that are sorted, each lies in its own, unless the words say where."""
-    spoken = (phrase for one in check.mentions for _, phrases in one.request.relations for phrase in phrases)
+    """If places have the colours of the sorted objects, each object ends in the place of its colour, unless the words
+    name places."""
+    spoken = (phrase for mention in check.mentions for _, phrases in mention.request.relations for phrase in phrases)
     if any(phrase.colors for phrase in spoken):
         return
     colors = {thing.color for thing in things}
@@ -261,7 +287,7 @@ def _require_places_match_colors(things: Sequence[Thing], check: _RequestChecker
 
 
 def _find_things_to_clear(request: Request, scene: Scene) -> dict[str, list[Thing]]:
-    """What stands at the start in or on each of what a request clears, by the words for it."""
+    """Objects that start in or on each area that a request clears, by the words for the area."""
     standing: dict[str, list[Thing]] = {}
     for phrase in request.movers:
         areas = {thing.id for thing in scene.find(phrase) if thing.fixed}
@@ -270,7 +296,7 @@ def _find_things_to_clear(request: Request, scene: Scene) -> dict[str, list[Thin
 
 
 def _require_places_are_cleared(request: Request, scene: Scene) -> None:
-    """Something stood there at the start, and nothing of it does at the end."""
+    """The cleared areas had objects at the start, and have none of them at the end."""
     for words, things in _find_things_to_clear(request, scene).items():
         if not things:
             raise Differs(f"nothing stands on {words} at the start")
@@ -279,7 +305,7 @@ def _require_places_are_cleared(request: Request, scene: Scene) -> None:
 
 
 def _check_request_to_clear_place(request: Request, places: Places, check: _RequestChecker) -> None:
-    """All that stands in or on something goes."""
+    """All objects in or on an area move away."""
     for thing in (thing for things in _find_things_to_clear(request, check.scene).values() for thing in things):
         fault = explain_why_thing_stays(thing, _FAR_ENOUGH) or explain_misplacement(thing, request, places, check.scene)
         check.mentions.append(_Mention(Phrase((thing.called,)), request, () if fault else (thing.id,), fault))
@@ -297,10 +323,14 @@ def _check_sort_request(request: Request, places: Places, check: _RequestChecker
 
 
 def _check_stack_request(request: Request, places: Places, check: _RequestChecker) -> None:
-    """Things lie on one another; without a place, the lowest may stay where it is."""
+    """Objects end on each other; without a place, the lowest may keep its place."""
     if request.verb not in ("stack", "pile"):
         raise Unclear(f"what it is to {request.verb} something is not known here")
-    base = _find_stack_base(request, check.scene)
+    base: Phrase | None = None  # the first or last object of a stack without a place, if it keeps its place
+    for phrase in [request.movers[0], request.movers[-1]] if request.movers and not request.relations else []:
+        meant = check.scene.find(phrase)
+        if base is None and len(meant) == 1 and not meant[0].has_moved and not meant[0].bystander:
+            base = phrase
     without = replace(request, movers=[phrase for phrase in request.movers if phrase is not base])
     added = check.add_mentions_of_moved_things(without, places)
     for index in added:
@@ -309,21 +339,17 @@ def _check_stack_request(request: Request, places: Places, check: _RequestChecke
     check.later.append((added, lambda things: _require_things_are_stacked(request, [*foot, *things], check.scene)))
 
 
-def _find_stack_base(request: Request, scene: Scene) -> Phrase | None:
-    """The first or last thing of a stack without a place, where that one stays."""
-    ends = [request.movers[0], request.movers[-1]] if request.movers and not request.relations else []
-    for phrase in ends:
-        found = scene.find(phrase)
-        if len(found) == 1 and not found[0].has_moved and not found[0].bystander:
-            return phrase
-    return None
-
-
 def _require_things_are_stacked(request: Request, things: Sequence[Thing], scene: Scene) -> None:
     stack = sorted(things, key=lambda thing: thing.end[2])
     if not request.relations:
-        _require_stack_stands_alone(stack, scene)
-    _require_each_asked_to_lie_on_next(stack, scene)
+        if len(stack) < 2:
+            raise Unclear("what is stacked on what is not understood")
+        under = [scene.things[number] for _, number in stack[0].ends]
+        if loose := [thing for thing in under if not thing.fixed and not thing.hollow]:
+            raise Differs(f"{stack[0].label} lies on {loose[0].label}, the words stack nothing on that")
+    for below, above in pairwise(stack):
+        if not scene.lies(above, "on", [below]):
+            raise Differs(f"{above.label} is not asked to end on {below.label}")
     names = f"from the bottom up there are {', '.join(thing.label for thing in stack)}"
     seen = stack[::-1] if "topdown" in request.orders else stack
     measures = request.orders & MEASURES.keys()
@@ -334,29 +360,14 @@ def _require_things_are_stacked(request: Request, things: Sequence[Thing], scene
         raise Differs(f"{names}, another order than by size")
 
 
-def _require_each_asked_to_lie_on_next(stack: Sequence[Thing], scene: Scene) -> None:
-    for below, above in pairwise(stack):
-        if not scene.lies(above, "on", [below]):
-            raise Differs(f"{above.label} is not asked to end on {below.label}")
-
-
-def _require_stack_stands_alone(stack: Sequence[Thing], scene: Scene) -> None:
-    """It has two things at least, and is no part of another one."""
-    if len(stack) < 2:
-        raise Unclear("what is stacked on what is not understood")
-    under = [scene.things[number] for _, number in stack[0].ends]
-    if loose := [thing for thing in under if not thing.fixed and not thing.hollow]:
-        raise Differs(f"{stack[0].label} lies on {loose[0].label}, the words stack nothing on that")
-
-
 def _check_line_request(request: Request, places: Places, check: _RequestChecker) -> None:
-    """Things end in one line."""
+    """Objects end in a line."""
     added = check.add_mentions_of_moved_things(request, places)
     check.later.append((added, lambda things: require_arrangement(request, places, things, check.scene)))
 
 
 def _check_swap_request(request: Request, places: Places, check: _RequestChecker) -> None:
-    """Two things end where the other one stood."""
+    """Two objects exchange their places."""
     if request.relations or not request.movers:
         raise Unclear("what changes places is not said plainly")
     check.later.append((check.add_mentions_of_moved_things(request, places), _require_things_swap_places))
@@ -365,41 +376,42 @@ def _check_swap_request(request: Request, places: Places, check: _RequestChecker
 def _require_things_swap_places(things: Sequence[Thing]) -> None:
     if len(things) != 2:
         raise Unclear(f"{len(things)} things change places")
-    for thing, other in (things, things[::-1]):
-        if not any(goal and all(("where", other.id) in references for references in goal) for goal in thing.goals):
-            raise Differs(f"{thing.label} is not asked to end where {other.label} stands at the start")
+    for thing, partner in (things, things[::-1]):
+        if not any(goal and all(("where", partner.id) in references for references in goal) for goal in thing.goals):
+            raise Differs(f"{thing.label} is not asked to end where {partner.label} stands at the start")
 
 
-def _check_leave_request(request: Request, places: Places, check: _RequestChecker) -> None:
-    """What is left alone does not move, and is where the words say."""
+def _check_leave_request(request: Request, _: Places, check: _RequestChecker) -> None:
+    """Objects that are left alone do not move, and are at the place in the words."""
     for phrase in request.movers:
-        found = check.scene.find(phrase)
-        if not found and not phrase.pronoun:
+        meant = check.scene.find(phrase)
+        if not meant and not phrase.pronoun:
             raise Differs(f"there is no such thing as {phrase.text}")
-        if phrase.pronoun not in OTHERS:
-            _require_things_stay(phrase, [thing for thing in found if not thing.fixed])
-        for how, named in request.relations:
-            if not all(one.is_bare_table for one in named):
-                _require_things_are_at(how, [place for one in named for place in check.scene.find(one)], found, check)
+        loose = [thing for thing in meant if not thing.fixed and phrase.pronoun not in OTHERS]
+        moved = [thing for thing in loose if thing.has_moved]
+        if moved and (len(moved) == len(loose) or phrase.plural or phrase.article == "all"):
+            raise Differs(f"{phrase.text} moves, the words leave it alone")
+        if moved:
+            raise Unclear(f"which of {len(loose)} is {phrase.text} that stays is not understood")
+        for how, places in request.relations:
+            if all(place.is_bare_table for place in places):
+                continue
+            if how not in ("in", "on", "at"):
+                raise Unclear(f"whether something is {how} something that stays is not understood")
+            carriers = {thing.id for place in places for thing in check.scene.find(place)}
+            for thing in meant:
+                if not carriers & {number for _, number in check.scene.trace_supports(thing.ends)}:
+                    raise Differs(f"{thing.label} is not {how} what the words leave it {how}")
 
 
-def _require_things_are_at(how: str, places: Sequence[Thing], things: Sequence[Thing], check: _RequestChecker) -> None:
-    if how not in ("in", "on", "at"):
-        raise Unclear(f"whether something is {how} something that stays is not understood")
-    carriers = {place.id for place in places}
-    for thing in things:
-        if not carriers & {number for _, number in check.scene.trace_supports(thing.ends)}:
-            raise Differs(f"{thing.label} is not {how} what the words leave it {how}")
-
-
-def _require_things_stay(phrase: Phrase, loose: Sequence[Thing]) -> None:
-    moved = [thing for thing in loose if thing.has_moved]
-    if moved and (len(moved) == len(loose) or phrase.plural or phrase.article == "all"):
-        raise Differs(f"{phrase.text} moves, the words leave it alone")
-    if moved:
-        raise Unclear(f"which of {len(loose)} is {phrase.text} that stays is not understood")
-
-
+_KINDS = (
+    ("leave", LEAVING),
+    ("stack", STACKING),
+    ("sort", SORTING),
+    ("line", LINING),
+    ("clear", CLEARING),
+    ("swap", SWAPPING),
+)
 _BY_PLACE = {"own", "owncolor", "freeplace"}
 _IN_ROW = {"sidebyside", "inrow", "together", "leftright", "rightleft", "sizedfirst", "inorder", *MEASURES}
 _ORDERS: dict[str, set[str]] = {

@@ -1,6 +1,6 @@
-"""Plain English about things on a table, taken apart: who is moved, whereto, in which order; what is not understood.
+"""Parser of plain English about objects on a table into requests: objects, destinations, order; and unknown words.
 
-Only what can be checked is read. A word that is neither a thing nor in the lists below is told, never passed over.
+Only checkable words are parsed. A word that is neither an object's nor in the lists below is reported, never skipped.
 """
 
 import re
@@ -45,13 +45,13 @@ _SIZES = {
 }
 """Words of size: which measure (0 least width, 1 greatest width, 2 height, 3 volume), and whether great or little."""
 _SIDES = {"left": (4, 1, True), "leftmost": (4, 1, True), "right": (4, -1, True), "rightmost": (4, -1, True)}
-"""Which one of several, by where it stands at the start."""
+"""Words that select an object by its place at the start."""
 PREPOSITIONS = {"in", "on", "beside", "leftof", "rightof", "infront", "behind", "between", "around", "outof", "at"}
 GENERIC = {"object", "item", "thing", "piece", "grocery", "stuff", "good", "product", "one"}
 PRONOUNS = {"it", "them", "they", "everything", "both", "all", "each", "these", "those", "anything"}
 OTHERS = {"rest", "other", "others", "remaining", "else"}
 _PLAIN = {"open", "empty", "free", "loose", "cardboard", "plastic", "wooden", "single", "movable", "toy"}
-"""Adjectives that tell nothing apart."""
+"""Adjectives that do not select."""
 ORDERS = split_into_word_set(
     "bottomup topdown shortfirst tallfirst smallfirst largefirst leftright rightleft bycolor bykind own owncolor "
     "inorder sizedfirst sidebyside inrow together freeplace"
@@ -62,7 +62,7 @@ _IDLE = split_into_word_set(
     "place places just directly using suction cup gripper of"
 )
 AFTER, FIRST, LAST = {"then", "subsequently", "next", "afterwards"}, {"first", "firstly"}, {"finally", "lastly"}
-"""Words that tell when something is done, against what else is asked for."""
+"""Words for the order in time among requests."""
 _JOINTS = {",", "and", "but"}
 _SPANS = (
     ("left", "right", "leftright", "rightleft"),
@@ -70,7 +70,7 @@ _SPANS = (
     ("shortest|lowest", "tallest|highest", "shortfirst", "tallfirst"),
     ("smallest", "largest|biggest", "smallfirst", "largefirst"),
 )
-"""Two ends of an order, with its names from either one."""
+"""The two ends of an order, and its names from either end."""
 _SINGLE = (
     (r"\bon top of\b|\bonto\b|\bon to\b|\bupon\b|\batop\b|\bover\b", " on "),
     (r"\bin between\b", " between "),
@@ -130,12 +130,12 @@ _SINGLE = (
     (r"\bgrey\b", " gray "),
     (r"\bthen(?= (?:the|a|an|all|both|two|three)\b)", " subsequently "),
 )
-"""What is one word for the reader."""
+"""Phrases that the parser treats as a single word."""
 
 
 @dataclass(frozen=True)
 class Phrase:
-    """What names a thing or several."""
+    """A noun phrase: an object or several."""
 
     nouns: tuple[str, ...] = ()
     colors: tuple[str, ...] = ()
@@ -159,28 +159,28 @@ class Phrase:
 
     @property
     def has_no_specific_noun(self) -> bool:
-        """Whether it names no kind of thing: the objects."""
+        """Whether it names no kind of object: "the objects"."""
         return {*self.nouns} <= GENERIC
 
     @property
     def plural(self) -> bool:
-        """Whether a noun stands in the plural."""
+        """Whether a noun is plural."""
         return bool(self.plurals)
 
     @property
     def means_all(self) -> bool:
-        """Whether it means all things that it fits."""
+        """Whether it means all objects that it fits."""
         return self.plural or self.article in ("all", "each") or self.pronoun in OTHERS | {"everything", "all", "each"}
 
     @property
     def has_referent(self) -> bool:
-        """Whether it says what kind of thing it is."""
+        """Whether it has a noun, a pronoun or an unknown word."""
         return bool(self.nouns or self.pronoun or self.unknown)
 
 
 @dataclass
 class Request:
-    """One thing that the words ask for: who, whereto."""
+    """A request: a verb, objects and destinations."""
 
     verb: str
     movers: list[Phrase] = field(default_factory=list[Phrase])
@@ -193,13 +193,13 @@ class Request:
 
     @property
     def has_carrier(self) -> bool:
-        """Whether its things are put in or on something other than the table."""
+        """Whether it puts objects in or on anything but the table."""
         places = [phrases for how, phrases in self.relations if how in ("in", "on", "at")]
         return any(not phrase.is_bare_table for phrases in places for phrase in phrases)
 
 
 @dataclass
-class Reading:
+class ParsedWords:
     """All that the words ask for."""
 
     requests: list[Request] = field(default_factory=list[Request])
@@ -216,12 +216,12 @@ def make_singular(word: str) -> str:
     return word[:-1] if word.endswith("s") and not word.endswith(("ss", "us")) else word
 
 
-def read_request_words(words: str, nouns: set[str]) -> Reading:
-    """What ``words`` ask for; ``nouns``, in the singular, are the words by which things on the table may be called."""
+def read_request_words(words: str, nouns: set[str]) -> ParsedWords:
+    """Parse ``words``; ``nouns``, in the singular, are the known names of objects."""
     text = re.sub(r"[-/]", " ", words.lower().replace("'s", "").replace("\u2019s", ""))
     for pattern, word in _SINGLE:
         text = re.sub(pattern, word, text)
-    reading = Reading()
+    reading = ParsedWords()
     if odd := re.findall(r"[^\sa-z0-9.,;:!?&'\"]", text):
         reading.unknown.append(" ".join(dict.fromkeys(odd)))
     for sentence, mark in re.findall(r"([^.;:!?]+)([.;:!?]|$)", text):
@@ -241,7 +241,11 @@ def _split_clauses(tokens: Sequence[str]) -> Iterator[list[str]]:
         before = tokens[index - 1] if index else ","
         is_verb = token in KNOWN | IMPOSSIBLE and before in _JOINTS | AFTER | LAST | FIRST
         if is_verb and clause:
-            end = _count_own_clause_words(clause)
+            # Words that join it to the next clause, or say when that happens, belong to the next.
+            end = len(clause)
+            while end and clause[end - 1] in _JOINTS | AFTER | LAST:
+                end -= 1
+            end = end if {*clause[:end]} - FIRST else 0
             if end:
                 yield clause[:end]
             clause = clause[end:]
@@ -250,22 +254,19 @@ def _split_clauses(tokens: Sequence[str]) -> Iterator[list[str]]:
         yield clause
 
 
-def _count_own_clause_words(clause: Sequence[str]) -> int:
-    """How many words of a clause are its own: what joins it to the next one, and says when that happens, is not."""
-    end = len(clause)
-    while end and clause[end - 1] in _JOINTS | AFTER | LAST:
-        end -= 1
-    return end if {*clause[:end]} - FIRST else 0
-
-
 def resolve_pronouns(requests: Sequence[Request]) -> list[Request]:
-    """``it``, ``them`` and ``everything`` are what was spoken of last; what is only picked up moves on with it."""
+    """Resolve ``it``, ``them`` and ``everything`` to the last phrases; a request to pick up joins the next request."""
     known: list[Phrase] = []
-    spoken_of: list[Phrase] = []  # what "it" may be where something is put there
+    spoken_of: list[Phrase] = []  # candidates of "it" as a destination
     resolved: list[Request] = []
     for request in requests:
-        movers, points_back = _resolve_moved_phrases(request, known)
-        relations = [(how, _replace_place_pronouns(places, spoken_of)) for how, places in request.relations]
+        named = [phrase for phrase in request.movers if not (phrase.pronoun in PRONOUNS and known)]
+        points_back = len(named) < len(request.movers) or (not request.movers and bool(request.relations))
+        movers = [*(known if points_back else ()), *named]
+        relations = [
+            (how, [meant for phrase in places for meant in (spoken_of if phrase.pronoun in PRONOUNS else [phrase])])
+            for how, places in request.relations
+        ]
         whole = replace(request, movers=movers, relations=relations)
         if points_back and resolved and resolved[-1].verb in PICKING:
             picked = resolved.pop()
@@ -278,28 +279,17 @@ def resolve_pronouns(requests: Sequence[Request]) -> list[Request]:
     return resolved
 
 
-def _resolve_moved_phrases(request: Request, known: list[Phrase]) -> tuple[list[Phrase], bool]:
-    """What a request moves, and whether it points back at what was ``known``."""
-    named = [phrase for phrase in request.movers if not (phrase.pronoun in PRONOUNS and known)]
-    points_back = len(named) < len(request.movers) or (not request.movers and bool(request.relations))
-    return [*(known if points_back else ()), *named], points_back
-
-
-def _replace_place_pronouns(places: Sequence[Phrase], spoken_of: Sequence[Phrase]) -> list[Phrase]:
-    return [other for phrase in places for other in (spoken_of if phrase.pronoun in PRONOUNS else [phrase])]
-
-
 class _ClauseReader:
-    """Reads one clause from left to right."""
+    """Parser of a clause, from left to right."""
 
-    def __init__(self, tokens: list[str], nouns: set[str], reading: Reading) -> None:
+    def __init__(self, tokens: list[str], nouns: set[str], reading: ParsedWords) -> None:
         self.tokens = tokens
         self.nouns, self.reading = nouns, reading
         self.at = 0
-        self.when: set[str] = set()  # what was said of the time of what comes next
+        self.when: set[str] = set()  # words of time before the next request
 
     def read(self, heading: bool) -> None:
-        """Add what the clause asks for to the reading."""
+        """Add the requests of the clause to the result."""
         verb = self._consume_verb()
         if not verb:
             return
@@ -341,11 +331,23 @@ class _ClauseReader:
         if token in PREPOSITIONS:
             return self._read_relation(request)
         if token in {*SWAPPING, *ORDERS, *FIRST, *AFTER, *LAST}:
-            self._add_word_to_request(token, request)
+            # DOC: A word about the request as a whole.
+            self.at += 1
+            request.verb = token if token in SWAPPING else request.verb
+            request.orders |= {token} & ORDERS
+            request.first |= token in FIRST
+            self.when |= {token} & {*AFTER, *LAST}
+            following = " ".join(self.tokens[self.at : self.at + 1])
+            if request.relations and token in {*AFTER, *LAST} and following in PREPOSITIONS:
+                self.reading.unknown.append(f"{token} {following}")  # a second place, and goals hold at the end alone
             return request
         phrase = self._read_phrase()
         if phrase is None:
-            self._skip_unused_word(token)
+            self.at += 1
+            if token in IMPOSSIBLE:
+                self.reading.impossible.append(token)
+            elif token not in _IDLE and token != ",":
+                self.reading.unknown.append(token)
             return request
         if request.relations and request.verb not in CLEARING:
             request = self._append_request(Request(request.verb, orders=request.orders, heading=request.heading))
@@ -355,26 +357,8 @@ class _ClauseReader:
         request.movers.append(phrase)
         return request
 
-    def _add_word_to_request(self, token: str, request: Request) -> None:
-        """A word about the request as a whole."""
-        self.at += 1
-        request.verb = token if token in SWAPPING else request.verb
-        request.orders |= {token} & ORDERS
-        request.first |= token in FIRST
-        self.when |= {token} & {*AFTER, *LAST}
-        following = " ".join(self.tokens[self.at : self.at + 1])
-        if request.relations and token in {*AFTER, *LAST} and following in PREPOSITIONS:
-            self.reading.unknown.append(f"{token} {following}")  # a second place, and goals hold at the end alone
-
-    def _skip_unused_word(self, token: str) -> None:
-        self.at += 1
-        if token in IMPOSSIBLE:
-            self.reading.impossible.append(token)
-        elif token not in _IDLE and token != ",":
-            self.reading.unknown.append(token)
-
     def _read_relation(self, request: Request) -> Request:
-        """A preposition and what follows it; a second one after the same things is a further relation."""
+        """Parse a preposition and its phrases; a second preposition after the same objects is a further relation."""
         how = self.tokens[self.at]
         self.at += 1
         places: list[Phrase] = []
@@ -392,36 +376,32 @@ class _ClauseReader:
         return request
 
     def _read_phrase(self) -> Phrase | None:
-        """A run of words that name things; nothing where the next word is none of these."""
+        """Parse a noun phrase; None if the next word belongs to none."""
         phrase, begin = Phrase(), self.at
         while self.at < len(self.tokens):
-            grown = self._add_token(phrase, self.tokens[self.at])
+            token = self.tokens[self.at]
+            if token in _ARTICLES:
+                grown = None if phrase.has_referent or phrase.colors else self._add_article(phrase, token)
+            else:
+                grown = self._add_count(phrase, token) or self._add_color_or_size(phrase, token)
+                grown = grown or self._add_noun(phrase, token)
             if grown is None:
                 break
             phrase = grown
             self.at += 1
         if phrase.article in ("the", "a") and not phrase.has_referent and not (phrase.colors or phrase.sizes):
-            return self._consume_unknown_noun(phrase)
+            if self.at < len(self.tokens) and self.tokens[self.at].isalpha():
+                word = self.tokens[self.at]
+                self.at += 1
+                if word not in PREPOSITIONS | KNOWN | ORDERS | {"and"}:
+                    self.reading.unknown.append(word)
+                    return replace(phrase, unknown=(word,))
+                self.at -= 1
+            return replace(phrase, pronoun="one")
         if phrase.sizes and not (phrase.article or phrase.colors or phrase.has_referent):
-            self.reading.unknown += self.tokens[begin : self.at]  # laid flat: it tells how, not which
+            self.reading.unknown += self.tokens[begin : self.at]  # "laid flat": a manner, not a selection
             return None
         return phrase if self.at > begin else None
-
-    def _consume_unknown_noun(self, phrase: Phrase) -> Phrase:
-        if self.at < len(self.tokens) and self.tokens[self.at].isalpha():
-            word = self.tokens[self.at]
-            self.at += 1
-            if word not in PREPOSITIONS | KNOWN | ORDERS | {"and"}:
-                self.reading.unknown.append(word)
-                return replace(phrase, unknown=(word,))
-            self.at -= 1
-        return replace(phrase, pronoun="one")
-
-    def _add_token(self, phrase: Phrase, token: str) -> Phrase | None:
-        """The phrase with one more word, or None where that is not part of it."""
-        if token in _ARTICLES:
-            return None if phrase.has_referent or phrase.colors else self._add_article(phrase, token)
-        return self._add_count(phrase, token) or self._add_color_or_size(phrase, token) or self._add_noun(phrase, token)
 
     def _peek_next_token(self) -> str:
         return next(iter(self.tokens[self.at + 1 : self.at + 2]), ",")
@@ -445,7 +425,7 @@ class _ClauseReader:
         return replace(phrase, number=_NUMBERS.index(token)) if token in _NUMBERS and not phrase.has_referent else None
 
     def _add_color_or_size(self, phrase: Phrase, token: str) -> Phrase | None:
-        """Colour and size stand before what they belong to."""
+        """Colour and size precede their noun."""
         if phrase.has_referent:
             return None
         if token in COLORS and not self._is_named_by_color(token):
@@ -488,7 +468,7 @@ def _parse_size_word(token: str) -> tuple[int, int, bool] | None:
 
 
 def _share_noun_among_colors(requests: Sequence[Request]) -> None:
-    """``the red and the blue block``: the noun of the last one is that of all; ``red and blue blocks``: of each one."""
+    """Share the last noun: ``the red and the blue block``, ``red and blue blocks``."""
     for request in requests:
         for phrases in (request.movers, *(places for _, places in request.relations)):
             donor = None

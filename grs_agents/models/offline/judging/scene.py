@@ -1,4 +1,4 @@
-"""The things on the table as the judge's prompt tells them: their names, what is asked of them, where they end."""
+"""Objects on the table, parsed from the judge's prompt: their names, their goals, and their motion."""
 
 import math
 import re
@@ -10,9 +10,9 @@ from grs_agents.models.offline.judging.reading import GENERIC, KNOWN, OTHERS, PR
 from grs_agents.models.offline.prompt_text import COLORS, Json, split_words
 
 Reference = tuple[str, int]
-"""How one thing lies to another one: ``in``, ``on``, ``beside``, ``where`` (that one stood), and its id."""
+"""Relation of an object to another: ``in``, ``on``, ``beside``, ``where`` (at its start), and the other's id."""
 MOVED = 0.02
-"""Metres from which on a thing counts as moved, as in the episodes' reports."""
+"""Least distance (m) of a moved object, as in the episodes' reports."""
 _ALSO_CALLED: Mapping[str, tuple[str, ...]] = {
     "cube": ("block",),
     "block": ("cube",),
@@ -33,19 +33,19 @@ _FILLING = KNOWN.union(
 )
 """Words of descriptions that call nothing."""
 _FLAT = {"zone", "plate", "pallet", "tray", "kit", "stand", "mark", "square", "line"}
-"""What people put things on or in alike."""
+"""Objects with both "in" and "on" as their preposition."""
 _GOAL = re.compile(r"\d+\. (?P<who>.*?#\d+) ends? (?P<places>.*)")
 _HOW = re.compile(r"\b(in|on|beside|where) the\b")
 _REACH = re.compile(r"\bat most (\d+) cm from it")
 _SPOT = re.compile(r"\bat \((-?\d+), (-?\d+)\)")
 
 Spots = tuple[tuple[float, float] | None, ...]
-"""x and y (m) of each place that will do; None where any spot there will."""
+"""x and y (m) of each allowed place; None for any spot there."""
 
 
 @dataclass(frozen=True)
 class Thing:
-    """One thing on the table."""
+    """An object on the table."""
 
     id: int
     called: str
@@ -53,9 +53,8 @@ class Thing:
     color: str
     names: frozenset[str]  # by which people call it, in the singular
     words: frozenset[str]  # and those of its description
-    plural_names: frozenset[
-        str
-    ]  # words, in the singular, that call it in the plural alone, as raisins do a box of them
+    # words, in the singular, that call it in the plural alone, as raisins do a box of them
+    plural_names: frozenset[str]
     colors: frozenset[str]  # that people may see in it
     size: tuple[float, float, float]
     start: tuple[float, float, float]
@@ -71,18 +70,18 @@ class Thing:
     goals: tuple[tuple[tuple[Reference, ...], ...], ...]  # for each of its goals the places that will do
     asked_by: tuple[int, ...]  # the numbers of these goals
     spots: Spots  # of the last of them, which counts
-    lined: bool  # one of them asks for a line with others, and for the distance in it
-    reach: float  # metres from what it is to end beside, as far as a goal allows
+    lined: bool  # a goal asks for a line with others, and for the distance in it
+    reach: float  # metres, the largest distance of a goal that ends beside an object
     tipped: float  # degrees by which it leans at the end against how it stood
 
     @property
     def has_moved(self) -> bool:
-        """Whether people see it elsewhere at the end."""
+        """Whether it has visibly moved."""
         return self.moved >= MOVED
 
     @property
     def label(self) -> str:
-        """What it is called, with its number."""
+        """Its name with its id."""
         return f"the {self.called} #{self.id}"
 
     @property
@@ -91,24 +90,25 @@ class Thing:
         return bool(self.spots) and None not in self.spots
 
     def list_asked_ends(self) -> Iterator["Thing"]:
-        """The thing at each exact spot that its goal allows."""
+        """The object at each exact spot that its goal allows."""
         for spot in self.spots:
             if spot is not None:
                 yield replace(self, end=(*spot, self.end[2]))
 
     def is_initially_in_any(self, areas: Set[int]) -> bool:
-        """Whether it stands at the start in or on one of some things."""
+        """Whether it starts in or on any of ``areas``."""
         return any(number in areas for _, number in self.stood)
 
     def measure(self, kind: int) -> float:
-        """Least width, greatest width, height, volume, or how far to the left it stands at the start."""
+        """A measure by index: least width, greatest width, height, volume (m), or y at the start (m, positive to the
+        left)."""
         x, y, z = self.size
         return (min(x, y), max(x, y), z, x * y * z, self.start[1])[kind]
 
 
 @dataclass(frozen=True)
 class Scene:
-    """All things on the table."""
+    """All objects on the table."""
 
     things: Mapping[int, Thing]
     pushes: bool  # whether the robot pushes instead of picking
@@ -120,39 +120,45 @@ class Scene:
 
     @property
     def moved(self) -> set[int]:
-        """What moves."""
+        """Ids of the objects that move."""
         return {thing.id for thing in self.things.values() if thing.has_moved and not thing.fixed}
 
     def is_called(self, phrase: Phrase) -> bool:
-        """Whether some thing is called so, not only described with these words."""
+        """Whether the phrase fits the name of an object, not only its description."""
         return any(_matches_phrase(thing, phrase, True) for thing in self.things.values())
 
     def find(self, phrase: Phrase, movable: bool = False) -> list[Thing]:
-        """What a phrase may mean; only what is loose if ``movable``."""
+        """Objects that a phrase may mean; only loose objects if ``movable``."""
         things = self.things.values()
-        # what its description mentions counts where nothing else is called so
-        found = [thing for thing in things if _matches_phrase(thing, phrase, True)]
-        found = found or [thing for thing in things if _matches_phrase(thing, phrase, False)]
+        # descriptions count if no name fits
+        fitting = [thing for thing in things if _matches_phrase(thing, phrase, True)]
+        fitting = fitting or [thing for thing in things if _matches_phrase(thing, phrase, False)]
         if movable:
-            found = [thing for thing in found if not thing.fixed and not (phrase.pronoun in OTHERS and thing.has_moved)]
+            fitting = [
+                thing for thing in fitting if not thing.fixed and not (phrase.pronoun in OTHERS and thing.has_moved)
+            ]
         for measure, sign, greatest in phrase.sizes:
-            found = _select_by_size(found, measure, sign, greatest)
-        return found
+            fitting = _select_by_size(fitting, measure, sign, greatest)
+        return fitting
 
     def trace_supports(self, references: Sequence[Reference], at_start: bool = False) -> set[Reference]:
-        """The references, and those of what carries them at the end, or at the start."""
-        found, waiting = set[Reference](), list(references)
+        """The references, and recursively those of the supports, at the end or at the start."""
+        traced, waiting = set[Reference](), list(references)
         while waiting:
             reference = waiting.pop()
-            if reference not in found:
-                found.add(reference)
+            if reference not in traced:
+                traced.add(reference)
                 carrier = self.things[reference[1]]
                 waiting += (carrier.stood if at_start else carrier.ends) if reference[0] == "on" else ()
-        return found
+        return traced
 
     def lies(self, thing: Thing, how: str, places: Sequence[Thing]) -> bool:
-        """Whether a thing ends in or on one of some others, and one of its goals asks for it."""
-        wanted = {(word, place.id) for place in places for word in _list_equivalent_relations(how, place)}
+        """Whether an object ends in or on any of ``places``, as a goal asks."""
+        wanted = {
+            (word, place.id)
+            for place in places
+            for word in (("in", "on") if how == "at" or place.category in _FLAT else (how,))
+        }
         if not wanted & self.trace_supports(thing.ends):
             return False
         return any(
@@ -161,22 +167,20 @@ class Scene:
 
 
 def distance_between(
-    one: Thing, at: Sequence[float], other: Thing, there: Sequence[float], widest: bool = False
+    first: Thing, at: Sequence[float], second: Thing, there: Sequence[float], widest: bool = False
 ) -> float:
-    """Metres between the boxes around two things at two places, seen from above, at most; at least if ``widest``: how
-    they are turned is not known."""
+    """Bound of the distance (m) from above between the boxes of two objects at two places.
+
+    The yaw of the boxes is unknown: an upper bound, or a lower bound if ``widest``.
+    """
     kind = 1 if widest else 0
-    sides = [abs(at[axis] - there[axis]) - (one.measure(kind) + other.measure(kind)) / 2 for axis in (0, 1)]
+    sides = [abs(at[axis] - there[axis]) - (first.measure(kind) + second.measure(kind)) / 2 for axis in (0, 1)]
     return math.hypot(*(max(0.0, side) for side in sides))
-
-
-def _list_equivalent_relations(how: str, place: Thing) -> tuple[str, ...]:
-    return ("in", "on") if how == "at" or place.category in _FLAT else (how,)
 
 
 def _matches_phrase(thing: Thing, phrase: Phrase, closely: bool) -> bool:
     if phrase.nouns and phrase.nouns[-1] in thing.plural_names.difference(phrase.plurals):
-        return False  # one raisin is no box of them
+        return False  # a raisin is no box of raisins
     words, seen = (thing.names, {thing.color}) if closely else (thing.words, thing.colors)
     nouns = {noun for noun in phrase.nouns if noun not in GENERIC}
     colors = {*phrase.colors, *(noun for noun in nouns if noun in COLORS and noun not in words)}
@@ -184,7 +188,7 @@ def _matches_phrase(thing: Thing, phrase: Phrase, closely: bool) -> bool:
 
 
 def _select_by_size(things: list[Thing], measure: int, sign: int, greatest: bool) -> list[Thing]:
-    """Those of greatest or least size, or of more or less than the mean where they are of different sizes."""
+    """Objects with the extreme size; without a superlative, those above or below the mean."""
     sizes = [thing.measure(measure) for thing in things]
     if not things:
         return []
@@ -197,27 +201,27 @@ def _select_by_size(things: list[Thing], measure: int, sign: int, greatest: bool
 
 @dataclass(frozen=True)
 class _AskedPlace:
-    """What one goal asks of one thing."""
+    """Places that a goal asks for an object."""
 
     goal: int  # its number
-    places: tuple[tuple[Reference, ...], ...] = ((),)  # that will do; an empty one where none is told
+    places: tuple[tuple[Reference, ...], ...] = ((),)  # alternatives; empty if none is given
     spots: Spots = (None,)  # of each of them
     lined: bool = False
-    reach: float = 0.0  # metres from what it is to end beside
+    reach: float = 0.0  # metres, the largest distance from the reference
 
 
 def parse_scene(rows: Sequence[Json], goals: str) -> Scene:
-    """The things of the prompt's rows, with what its sentences ask of them."""
+    """Parse the objects of the prompt's rows, with the places of its goal sentences."""
     wanted: dict[int, list[_AskedPlace]] = {}
     for line in goals.splitlines():
-        for number, asked in _parse_goal_sentence(line):
-            wanted.setdefault(number, []).append(asked)
+        for number, place in _parse_goal_sentence(line):
+            wanted.setdefault(number, []).append(place)
     things = [_parse_table_thing(row, wanted.get(int(row["id"]), [])) for row in rows]
     return Scene({thing.id: thing for thing in things}, "pushes things" in goals)
 
 
 def _parse_goal_sentence(line: str) -> Iterator[tuple[int, _AskedPlace]]:
-    """Each object of a sentence with what it asks of it."""
+    """Each object of a goal sentence with its places."""
     form = _GOAL.match(line)
     if form is None:
         return
@@ -229,15 +233,11 @@ def _parse_goal_sentence(line: str) -> Iterator[tuple[int, _AskedPlace]]:
         return
     texts = form["places"].split("; or ")
     places = tuple(tuple(_parse_place_references(text)) for text in texts)
-    spots = tuple(_parse_spot(text) for text in texts)
-    reach = max((int(found) / 100 for found in _REACH.findall(form["places"])), default=0.0)
+    spot_matches = [_SPOT.search(text) for text in texts]
+    spots = tuple(None if spot is None else (int(spot[1]) / 100, int(spot[2]) / 100) for spot in spot_matches)
+    reach = max((int(spot_matches) / 100 for spot_matches in _REACH.findall(form["places"])), default=0.0)
     for number in numbers:
         yield number, _AskedPlace(goal, places, spots, "on one line, " in form["places"], reach)
-
-
-def _parse_spot(text: str) -> tuple[float, float] | None:
-    found = _SPOT.search(text)
-    return None if found is None else (int(found[1]) / 100, int(found[2]) / 100)
 
 
 def _parse_place_references(text: str) -> Iterator[Reference]:
@@ -247,12 +247,17 @@ def _parse_place_references(text: str) -> Iterator[Reference]:
             yield words[-1], int(number)
 
 
-def _parse_table_thing(row: Json, asked: Sequence[_AskedPlace]) -> Thing:
+def _parse_table_thing(row: Json, wanted: Sequence[_AskedPlace]) -> Thing:
     described = split_words(str(row.get("description", "")))
-    names = _list_names(row)
+    spoken = split_words(f"{row.get('called', '')} {row.get('category', '')}")
+    names = {make_singular(word) for word in spoken}
+    names |= {synonym for word in spoken for synonym in _ALSO_CALLED.get(word, ())}
+    if max(row["size"]) < 1.1 * min(row["size"]) and "box" in names:
+        names.add("cube")
     words = names | {make_singular(word) for word in described} - _FILLING
     color = str(row.get("color", ""))
     start = row.get("start", (0, 0, 0))
+    plural_names = {make_singular(word) for word in (*spoken, *described)} - {*spoken, *described}
     return Thing(
         id=int(row["id"]),
         called=str(row["called"]),
@@ -260,7 +265,7 @@ def _parse_table_thing(row: Json, asked: Sequence[_AskedPlace]) -> Thing:
         color=color,
         names=frozenset(names),
         words=frozenset(words),
-        plural_names=frozenset(_list_plural_names(row)),
+        plural_names=frozenset(plural_names),
         colors=frozenset({color, *(word for word in described if word in COLORS)}),
         size=cast(Any, tuple(row["size"])),
         start=cast(Any, tuple(start)),
@@ -273,28 +278,13 @@ def _parse_table_thing(row: Json, asked: Sequence[_AskedPlace]) -> Thing:
         bystander=bool(row.get("bystander")),
         hollow=bool(row.get("hollow")),
         actions=tuple(row.get("actions", ())),
-        goals=tuple(one.places for one in asked),
-        asked_by=tuple(one.goal for one in asked),
-        spots=asked[-1].spots if asked else (),
-        lined=any(one.lined for one in asked),
-        reach=max((one.reach for one in asked), default=0.0),
+        goals=tuple(place.places for place in wanted),
+        asked_by=tuple(place.goal for place in wanted),
+        spots=wanted[-1].spots if wanted else (),
+        lined=any(place.lined for place in wanted),
+        reach=max((place.reach for place in wanted), default=0.0),
         tipped=float(row.get("tipped", 0)),
     )
-
-
-def _list_names(row: Json) -> set[str]:
-    """What people call a thing."""
-    told = split_words(f"{row.get('called', '')} {row.get('category', '')}")
-    names = {make_singular(word) for word in told}
-    names |= {other for word in told for other in _ALSO_CALLED.get(word, ())}
-    if max(row["size"]) < 1.1 * min(row["size"]) and "box" in names:
-        names.add("cube")
-    return names
-
-
-def _list_plural_names(row: Json) -> set[str]:
-    told = [word for key in ("called", "category", "description") for word in split_words(str(row.get(key, "")))]
-    return {make_singular(word) for word in told if make_singular(word) != word} - {*told}
 
 
 def _parse_plain_references(texts: Sequence[str]) -> Iterator[Reference]:

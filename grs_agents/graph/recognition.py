@@ -1,0 +1,317 @@
+"""Describe the segments of a photo, join pieces of the same object, and match them with assets.
+
+A graph within the node asks the describer: LangGraph sends all questions at once and hands on the answers in the order
+of the questions, in whatever order they arrive.
+"""
+
+import operator
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, TypedDict
+
+from langgraph.graph import END, START, StateGraph
+from langgraph.types import Send
+
+from grs_agents.agents import roles
+from grs_agents.agents.agent import Agents
+from grs_agents.agents.types import Description, NoReply
+from grs_agents.base import interrupts
+from grs_agents.graph.services import Photo, Services
+from grs_agents.graph.table_object import TableObject
+from grs_agents.models.factory import is_offline
+from grs_agents.perception.annotated_pictures import (
+    outlined_segment_file_name,
+    segment_sheet_file_names,
+    write_outlines,
+    write_segment_sheet,
+)
+from grs_agents.perception.configuration import DEFAULT
+from grs_agents.perception.matching.types import Ask, MatchResult, Segment
+from grs_agents.perception.picture_files import load_mask, save_candidates_after_earlier
+from grs_agents.perception.segmentation.described_pieces import (
+    ADJOINING,
+    gap_between_boxes,
+    group_pieces_of_one_object,
+    merge_pieces,
+)
+from grs_agents.perception.types import Candidate, CandidateRecord, DroppedCandidate, MatchEvidence, Shown
+
+ONE_SEGMENT = """\
+1. The segment, cut out; what is around it is dimmed and is no part of it.
+2. The whole photo; the segment is outlined in magenta, all segments are outlined in white and numbered."""
+MANY_SEGMENTS = """\
+1. Each segment with its number, cut out; what is around it is dimmed and is no part of it.
+2. The whole photo; the segments are outlined in white and numbered."""
+
+
+@dataclass(frozen=True)
+class DescribedSegments:
+    """The described segments of a pass after pieces are joined."""
+
+    objects: tuple[TableObject, ...]
+    descriptions: dict[int, Description]  # of all segments, pieces included, by number
+    dropped: tuple[DroppedCandidate, ...]  # the pieces
+    notes: tuple[str, ...]  # for a reader of the scene
+
+
+class DescriberQuestion(TypedDict):
+    """The question of a call of the describer."""
+
+    rows: list[dict[str, Any]]  # the measurements of the segments in question
+    numbers: list[int]  # of all segments
+    images: list[str]
+
+
+class _State(TypedDict):
+    """State of the graph within the node: JSON, since it is checkpointed."""
+
+    records: list[dict[str, Any]]  # the segments
+    asked: list[int]  # the segments of the next questions
+    descriptions: Annotated[dict[str, dict[str, Any]], operator.or_]
+    silent: Annotated[dict[str, str], operator.or_]  # reasons for missing descriptions, by number
+    dropped: Annotated[list[dict[str, Any]], operator.add]
+    notes: Annotated[list[str], operator.add]
+
+
+def describe_measurements_for_model(record: CandidateRecord) -> dict[str, Any]:
+    """The measurements of a segment in a prompt, beside its picture."""
+    return {
+        "id": record.id,
+        "size_m": [round(value, 3) for value in record.upright.size],
+        "position_m": [round(value, 3) for value in record.upright.center],
+        "mean_color_rgb": [round(value, 2) for value in record.color],
+        "outline": record.shape,
+        "open_top": record.hollow,
+        "pixels": record.points,
+    }
+
+
+def make_describer_question(asked: Sequence[CandidateRecord], records: Sequence[CandidateRecord]) -> DescriberQuestion:
+    """The question about some of the segments ``records``, with the pictures of `write_outlines` or a sheet."""
+    rows = [
+        {
+            **describe_measurements_for_model(record),
+            "near": [
+                other.id
+                for other in records
+                if record.id != other.id and gap_between_boxes(record.box, other.box) <= ADJOINING
+            ],
+        }
+        for record in asked
+    ]
+    first = asked[0]
+    images = (
+        [first.crop, outlined_segment_file_name(first.id)]
+        if len(asked) == 1
+        else list(segment_sheet_file_names(first.id))
+    )
+    return {"rows": rows, "numbers": [record.id for record in records], "images": images}
+
+
+def ask_describer(agents: Agents, question: DescriberQuestion) -> dict[int, Description] | NoReply:
+    """The description of each segment in question, by number."""
+    pictures = ONE_SEGMENT if len(question["rows"]) == 1 else MANY_SEGMENTS
+    return roles.describe_segments(agents, question["rows"], question["numbers"], pictures, question["images"])
+
+
+def make_placeholder_description(shape: str) -> Description:
+    """The description of a segment without a reply: its outline is a box or a cylinder."""
+    words = f"an undescribed {shape}"
+    return Description(is_object=True, description=words, color="unknown", shape=shape, category="object")
+
+
+def describe_segments(
+    records: Sequence[TableObject], first_free: int, photo: Photo, services: Services
+) -> DescribedSegments:
+    """Describe segments; joined pieces are numbered from ``first_free`` and described once more."""
+    describer = _Describer(photo, services, first_free)
+    describer.write_question_pictures(records, records)
+    graph = StateGraph(_State)
+    graph.add_node("ask", describer.ask)
+    graph.add_node("merge", describer.merge)
+    graph.add_conditional_edges(START, describer.send_next_questions, ["ask"])
+    graph.add_edge("ask", "merge")
+    graph.add_conditional_edges("merge", describer.send_next_questions, ["ask", END])
+    begin: Any = {
+        "records": [record.model_dump(mode="json") for record in records],
+        "asked": [record.id for record in records],
+    }
+    spec = services.config.model_for_role("describe")
+    at_once = 1 if is_offline(spec.model) else spec.concurrency  # the offline model gains nothing by threads
+    end = graph.compile().invoke(begin, {"max_concurrency": at_once, "recursion_limit": 2 * len(records) + 5})
+    described = {int(number): Description.model_validate(words) for number, words in end["descriptions"].items()}
+    silent = [f"candidate {number}: {end['silent'][str(number)]}" for number in sorted(map(int, end["silent"]))]
+    objects: list[TableObject] = []
+    for item in map(TableObject.model_validate, end["records"]):
+        words = described[item.id]  # they overrule the depth camera, which does not see into every opening
+        hollow = item.hollow if words.open_top is None else words.open_top
+        objects.append(item.model_copy(update={"description": words, "hollow": hollow}))
+    return DescribedSegments(
+        objects=tuple(objects),
+        descriptions=dict(sorted(described.items())),
+        dropped=tuple(map(DroppedCandidate.model_validate, end["dropped"])),
+        notes=(*silent, *end["notes"]),
+    )
+
+
+@dataclass(frozen=True)
+class _Describer:
+    """The nodes of the graph within the node."""
+
+    photo: Photo
+    services: Services
+    first_free: int
+
+    @property
+    def describes_all_in_one_sheet(self) -> bool:
+        return self.services.config.match.describe == "sheet"
+
+    @property
+    def describer_sees_pictures(self) -> bool:
+        """Whether the describer sees pictures: the embedded model reads the measurements alone."""
+        return not is_offline(self.services.config.model_for_role("describe").model)
+
+    def write_question_pictures(self, asked: Sequence[CandidateRecord], records: Sequence[CandidateRecord]) -> None:
+        """Write the pictures of the questions about some of the segments; deterministic."""
+        if not self.describer_sees_pictures:
+            return
+        write_outlines(self.photo[0], asked, records, self.services.folder)
+        if self.describes_all_in_one_sheet and len(asked) > 1:
+            write_segment_sheet(self.photo[0], asked, records, self.services.folder)
+
+    def send_next_questions(self, state: _State) -> list[Send] | str:
+        """Send a question for each segment, or a joint question for all."""
+        records = [TableObject.model_validate(record) for record in state["records"]]
+        asked = [record for record in records if record.id in state["asked"]]
+        groups = [asked] if self.describes_all_in_one_sheet and asked else [[record] for record in asked]
+        questions = [make_describer_question(group, records) for group in groups]
+        if not self.describer_sees_pictures:
+            questions = [{**question, "images": []} for question in questions]
+        return [Send("ask", question) for question in questions] or END
+
+    def ask(self, state: DescriberQuestion) -> dict[str, Any]:
+        """Ask the describer; without a usable reply the description holds the measured outline alone."""
+        if interrupts.is_interrupt_requested():  # questions that still wait for a thread are not asked
+            raise KeyboardInterrupt
+        reply, silent = ask_describer(self.services.agents, state), dict[str, str]()
+        if isinstance(reply, NoReply):
+            silent = {str(row["id"]): str(reply) for row in state["rows"]}
+            reply = {int(row["id"]): make_placeholder_description(str(row["outline"])) for row in state["rows"]}
+        descriptions = {str(number): words.model_dump(mode="json") for number, words in reply.items()}
+        return {"descriptions": descriptions, "silent": silent}
+
+    def merge(self, state: _State) -> dict[str, Any]:
+        """Join segments that were described as pieces of the same object; the whole is described next."""
+        folder = self.services.folder
+        records = {int(record["id"]): TableObject.model_validate(record) for record in state["records"]}
+        described = {number: Description.model_validate(state["descriptions"][str(number)]) for number in records}
+        part_of = {
+            number: whole
+            for number in state["asked"]
+            if not records[number].given and (whole := described[number].part_of) is not None
+        }
+        groups = group_pieces_of_one_object(part_of, {number: record.box for number, record in records.items()})
+        free = max(self.first_free - 1, *records) + 1
+        masks = {number: load_mask(folder / record.mask) for number, record in records.items() if groups}
+        joined: list[Candidate] = []
+        dropped: list[DroppedCandidate] = []
+        too_large: list[str] = []
+        for group in groups:
+            whole = merge_pieces(free + len(joined), group, masks, *self.photo)
+            if whole is None:
+                numbers = ", ".join(map(str, group))
+                too_large.append(f"segments {numbers} are too large for one object: they stay apart")
+                continue
+            joined.append(whole)
+            reason = f"a piece of a larger thing, candidate {whole.id}"
+            dropped += [
+                DroppedCandidate(id=piece, reason=f"{reason}: {described[piece].description}") for piece in group
+            ]
+        pieces = {piece.id for piece in dropped}
+        rest = [record for number, record in records.items() if number not in pieces]
+        saved = save_candidates_after_earlier(self.photo[0], joined, rest, folder) if joined else ()
+        added = [TableObject.from_record(record) for record in saved]
+        self.write_question_pictures(added, [*rest, *added])
+        apart = [
+            f"segment {number} was described as a part of {whole}, which it does not adjoin: it stays by itself"
+            for number, whole in part_of.items()
+            if not any(number in group and whole in group for group in groups)
+        ]
+        return {
+            "records": [record.model_dump(mode="json") for record in (*rest, *added)],
+            "asked": [record.id for record in added],
+            "dropped": [piece.model_dump(mode="json") for piece in dropped],
+            "notes": [*apart, *too_large],
+        }
+
+
+def match_objects(
+    objects: Sequence[TableObject], photo: Photo, image: str, services: Services
+) -> tuple[list[TableObject], tuple[str, ...]]:
+    """Ask the configured match tool for the asset of each described object (paper, Scene Comprehension, step 3).
+
+    Segments described as no object are left out. An ``image`` gives the model pictures.
+
+    Returns:
+        The objects with their matches, and notes for a reader of the scene.
+    """
+    config = services.config
+    asked = [item for item in objects if item.described.is_object]
+    folder, silent = services.folder, list[str]()
+    result: MatchResult = services.run_tool(
+        config.tools.match,
+        segments=[
+            Segment(item.id, load_mask(folder / item.mask), item.upright, folder / item.crop, item.points)
+            for item in asked
+        ],
+        frame=photo[0],
+        table=photo[1],
+        ask=make_model_matcher(services.agents, asked, {item.id: item.described for item in asked}, image, silent),
+        seed=config.seed,
+        model=config.match.model,
+        ocr=config.match.ocr,
+        index=config.match.index,
+    )
+    matched = [
+        item.model_copy(update={"match": drop_asset_below_confidence(result.matches[item.id])})
+        if item.id in result.matches
+        else item
+        for item in objects
+    ]
+    return matched, (*result.notes, *silent)
+
+
+def drop_asset_below_confidence(answer: MatchEvidence) -> MatchEvidence:
+    """The answer, or ``no_asset`` if the confidence in its asset is too low."""
+    sure, least = answer.confidence, DEFAULT.matching.least
+    if answer.match != "asset" or sure is None or sure >= least:
+        return answer
+    reason = f"{answer.asset} is less certain than {100 * least:.0f} %: {answer.reason}"
+    update = {"match": "no_asset", "asset": None, "confidence": round(1 - sure, 4), "runner_up": answer.asset}
+    return answer.model_copy(update={**update, "reason": reason})
+
+
+def make_model_matcher(
+    agents: Agents,
+    records: Sequence[CandidateRecord],
+    described: Mapping[int, Description],
+    image: str,
+    silent: list[str],
+) -> Ask:
+    """A function that asks the model of the role ``match``; segments without a usable reply are noted in ``silent``."""
+    by_number = {record.id: record for record in records}
+
+    def ask(segment: Segment, assets: Sequence[Shown], worded: bool, pictured: bool) -> MatchEvidence:
+        record = by_number[segment.id]
+        words = described[segment.id].model_dump(exclude={"is_object", "part_of"}, exclude_none=True) if worded else {}
+        shown = [{**asset.model_dump(), "size": [round(value, 3) for value in asset.size]} for asset in assets]
+        pictures = [record.crop, outlined_segment_file_name(record.id)] if pictured and image else []
+        reply = roles.match_asset(agents, {**describe_measurements_for_model(record), **words}, shown, pictures)
+        if isinstance(reply, NoReply):
+            silent.append(f"candidate {segment.id}: {reply}; no asset was matched")
+            return MatchEvidence(match="no_asset", reason=str(reply))
+        asset = reply.asset if reply.match == "asset" else None
+        kind = "no_asset" if reply.match == "asset" and asset is None else reply.match
+        return MatchEvidence(match=kind, asset=asset, reason=reply.reason)
+
+    return ask

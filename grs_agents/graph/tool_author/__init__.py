@@ -1,1 +1,0 @@
-"""Read a scene from a folder, a data set, an archive or a photo; what is wrong with it is refused by InputError."""

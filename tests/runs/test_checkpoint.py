@@ -1,0 +1,88 @@
+"""A checkpoint may come from somebody else: only records are built from it, and only valid records."""
+
+from pathlib import Path
+from typing import Any
+
+import ormsgpack
+import pytest
+
+from grs_agents.base.errors import InputError
+from grs_agents.graph.state import parse_state
+from grs_agents.runs.checkpoint import RecordSerializer, check_restored_state
+from grs_agents.sandbox.protocol.report import TestCase, TestReport
+
+STATE, AGENTS, REPORT = "grs_agents.graph.state", "grs_agents.agents.types", "grs_agents.sandbox.protocol.report"
+TASK = {"task-name": "t", "task-description": "d", "assets-used": ["a"]}
+ARGUMENT, ARGUMENTS, KEYWORDS, METHOD, V1, V2 = range(6)
+"""Codes of the serializer's extensions."""
+
+
+def packed(code: int, *parts: Any) -> ormsgpack.Ext:
+    return ormsgpack.Ext(code, ormsgpack.packb(parts))
+
+
+def restored(state: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """The state that a run goes on with. Raises ValueError or InputError: it is refused."""
+    values = RecordSerializer().loads_typed(("msgpack", ormsgpack.packb(state)))
+    check_restored_state(values, folder)
+    return values
+
+
+def test_records_come_back_as_they_were() -> None:
+    case = TestCase(id="T.a", outcome="failed", episode={"score": float("inf"), "deep": [{"a": [1]}]})
+    report = TestReport(outcome="failed", cases=(case,))
+    state = dict(parse_state({"task": TASK, "history": [], "audit": None})) | {"report": report, "fixes": 1}
+    serializer = RecordSerializer()
+    assert serializer.loads_typed(serializer.dumps_typed(state)) == state
+
+
+@pytest.mark.filterwarnings("ignore:The `construct` method:DeprecationWarning")
+@pytest.mark.parametrize(
+    "state",
+    [
+        {"report": packed(V2, REPORT, "TestReport", {"outcome": "splendid"}, "")},
+        {"report": packed(V2, REPORT, "TestReport", {"outcome": "passed", "cases": [{"id": 7}]}, "")},
+        {"report": packed(V2, REPORT, "TestReport", {"outcome": "passed", "more": 1, "cases": [{"id": "a"}]}, "")},
+        {"report": packed(V1, REPORT, "TestReport", {"outcome": 7}, "")},
+        {"report": packed(V2, AGENTS, "TaskDefinition", TASK, "")},
+        {"history": [packed(V2, STATE, "FixRecord", {"fixed": "task"}, "")]},
+        {"history": packed(ARGUMENT, "collections", "deque", [packed(V2, STATE, "FixRecord", {"fixed": "task"}, "")])},
+        {
+            "problem": packed(
+                ARGUMENTS, "langgraph.types", "Send", ["a", packed(V2, STATE, "FixRecord", {"fixed": "task"}, "")]
+            )
+        },
+        {"task": packed(V2, AGENTS, "TaskDefinition", {"name": 7, "_fields_set": 3}, "")},
+        {"report": packed(KEYWORDS, REPORT, "TestReport", {"outcome": "splendid"})},
+        {"audit": {"accepted": True}},
+        {"best": {"score": {}, "kept": {"task": {}}}},
+        {"history": [{"fixed": "task"}]},
+        {"fixes": "1"},
+        {"candidates": []},
+    ],
+)
+def test_forged_content_is_refused(state: dict[str, Any], tmp_path: Path) -> None:
+    with pytest.raises((ValueError, InputError)) as refused:
+        restored(state, tmp_path)
+    assert "\n" not in str(refused.value)
+
+
+def test_only_records_are_built(tmp_path: Path) -> None:
+    mark = tmp_path / "owned"
+    for module, name, content in (
+        ("subprocess", "getoutput", f"touch {mark}"),
+        (REPORT, "CallResult", {"outcome": "ok"}),
+        (AGENTS, "TaskRevision", {**TASK, "given-up": "all"}),
+    ):
+        for code in range(6):
+            values = RecordSerializer().loads_typed(
+                ("msgpack", ormsgpack.packb({"x": packed(code, module, name, content, "")}))
+            )
+            assert isinstance(values["x"], str | dict)
+    assert (
+        RecordSerializer().loads_typed(
+            ("msgpack", ormsgpack.packb(packed(METHOD, AGENTS, "TaskDefinition", TASK, "model_validate")))
+        )
+        == TASK
+    )
+    assert not mark.exists()
