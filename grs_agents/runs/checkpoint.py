@@ -1,9 +1,11 @@
 """Validation of a run's checkpoints, which may be foreign, before they are read."""
 
+import os
 import sqlite3
 from collections import deque
 from collections.abc import Iterable, Mapping
 from contextlib import closing
+from functools import cache
 from pathlib import Path
 from typing import Any, cast, get_type_hints
 
@@ -17,10 +19,11 @@ from grs_agents.graph.table_object import TableObject
 from grs_agents.perception.types import Camera, TableFrame
 
 FILE = "checkpoint.sqlite"
-MOST_VALUE = 1 << 22
+MOST_VALUE = 1 << 21
 """Largest value, bytes: 18 objects and five fixes take 145 KB. SQLite can expand a value to a gigabyte, and a byte
 of msgpack can become an object of 90 bytes."""
-_TABLES = frozenset({"checkpoints", "writes"})
+_PENDING = "SELECT sum(length(value)) FROM writes GROUP BY checkpoint_id"
+"""Bytes of the results of each step, which are read together."""
 _REMEDY = "start the scene again in another folder: --out"
 _NESTED: dict[str, TypeAdapter[Any]] = {
     "camera": TypeAdapter(Camera),
@@ -65,8 +68,26 @@ def _check_records(value: Any) -> None:
             raise ValueError(f"a {type(value).__name__} with values of other types than a run writes") from error
 
 
+@cache
+def _langgraph_schema() -> frozenset[str]:
+    """The statements by which LangGraph makes its tables, with single spaces."""
+    from langgraph.checkpoint.sqlite import SqliteSaver
+
+    with closing(sqlite3.connect(":memory:")) as database:
+        SqliteSaver(database).setup()
+        rows = database.execute("SELECT sql FROM sqlite_schema WHERE sql IS NOT NULL").fetchall()
+    return frozenset(" ".join(sql.split()) for (sql,) in rows)
+
+
 def check_checkpoint_file(folder: Path) -> None:
-    """Refuse an incomplete database, and a database with other tables than LangGraph's, with triggers or views."""
+    """Refuse an incomplete database, any table but LangGraph's, and more pending writes than a run has.
+
+    Generated columns, triggers and views would run SQL of whoever made the file, and SQLite deletes the file that a
+    rollback journal names.
+    """
+    journal = folder / f"{FILE}-journal"
+    if os.path.lexists(journal):
+        raise InputError(f"{journal} is no file of a run", _REMEDY)
     if not (folder / FILE).exists():  # the run was interrupted before the first step
         return
     file = resolve_member_file(folder, FILE)
@@ -74,16 +95,21 @@ def check_checkpoint_file(folder: Path) -> None:
         with closing(sqlite3.connect(f"{file.resolve().as_uri()}?mode=ro", uri=True)) as database:
             database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_VALUE)
             database.execute("PRAGMA trusted_schema = OFF")
-            rows = database.execute("SELECT type, name FROM sqlite_schema").fetchmany(100)
+            rows = database.execute("SELECT name, sql FROM sqlite_schema").fetchmany(100)
+            known = _langgraph_schema()
+            unexpected = [name for name, sql in rows if sql is not None and " ".join(sql.split()) not in known]
+            if unexpected:
+                raise InputError(f"{file} holds no checkpoints of a run: {unexpected[0]!r} is not LangGraph's", _REMEDY)
             check = database.execute("PRAGMA quick_check(1)").fetchone()
+            pending = 0
+            if any(name == "writes" for name, _ in rows):
+                pending = max((size for (size,) in database.execute(_PENDING)), default=0)
     except (sqlite3.Error, UnicodeDecodeError) as error:
         raise InputError(f"{file} is no whole database: {error}", _REMEDY) from error
-    unexpected = [
-        name for kind, name in rows if kind not in ("table", "index") or (kind == "table" and name not in _TABLES)
-    ]
-    if unexpected or check != ("ok",):
-        problem = f"it holds {unexpected[0]!r}" if unexpected else str(check[0])
-        raise InputError(f"{file} holds no checkpoints of a run: {problem}", _REMEDY)
+    if check != ("ok",):
+        raise InputError(f"{file} holds no checkpoints of a run: {check[0]}", _REMEDY)
+    if pending > MOST_VALUE:
+        raise InputError(f"{file}: a step has {pending} bytes of results; {MOST_VALUE} are allowed", _REMEDY)
 
 
 def check_restored_state(values: Mapping[str, Any], folder: Path) -> None:

@@ -1,14 +1,24 @@
 """A checkpoint may come from somebody else: only records are built from it, and only valid records."""
 
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import ormsgpack
 import pytest
+from langgraph.checkpoint.sqlite import SqliteSaver
 
 from grs_agents.base.errors import InputError
 from grs_agents.graph.state import parse_state
-from grs_agents.runs.checkpoint import RecordSerializer, check_restored_state
+from grs_agents.runs.checkpoint import (
+    FILE,
+    MOST_VALUE,
+    RecordSerializer,
+    check_checkpoint_file,
+    check_restored_state,
+)
 from grs_agents.sandbox.protocol.report import TestCase, TestReport
 
 STATE, AGENTS, REPORT = "grs_agents.graph.state", "grs_agents.agents.types", "grs_agents.sandbox.protocol.report"
@@ -86,3 +96,54 @@ def test_only_records_are_built(tmp_path: Path) -> None:
         == TASK
     )
     assert not mark.exists()
+
+
+@pytest.fixture
+def database(tmp_path: Path) -> Iterator[sqlite3.Connection]:
+    """A database as LangGraph makes it, without rows."""
+    with closing(sqlite3.connect(tmp_path / FILE)) as connection:
+        SqliteSaver(connection).setup()
+        connection.commit()
+        yield connection
+
+
+GENERATED = (
+    "ALTER TABLE writes ADD COLUMN more TEXT GENERATED ALWAYS AS (replace(printf('%.*c', 9, 'a'), 'a', 'bb')) VIRTUAL"
+)
+
+
+@pytest.mark.parametrize(
+    ("statement", "told"),
+    [
+        (GENERATED, "'writes' is not LangGraph's"),
+        ("CREATE TABLE more (a)", "'more' is not LangGraph's"),
+        ("CREATE VIEW more AS SELECT 1", "'more' is not LangGraph's"),
+        ("CREATE INDEX more ON writes (length(value))", "'more' is not LangGraph's"),
+    ],
+)
+def test_a_database_with_sql_of_another_is_refused(
+    database: sqlite3.Connection, tmp_path: Path, statement: str, told: str
+) -> None:
+    check_checkpoint_file(tmp_path)
+    database.execute(statement)
+    database.commit()
+    with pytest.raises(InputError, match=told):
+        check_checkpoint_file(tmp_path)
+
+
+def test_the_results_of_a_step_are_bounded_together(database: sqlite3.Connection, tmp_path: Path) -> None:
+    for number in range(5):
+        row = ("t", "", "c", f"task {number}", number, "channel", "msgpack", bytes(MOST_VALUE // 4))
+        names = "thread_id, checkpoint_ns, checkpoint_id, task_id, idx, channel, type, value"
+        database.execute(f"INSERT INTO writes ({names}) VALUES (?, ?, ?, ?, ?, ?, ?, ?)", row)
+    database.commit()
+    with pytest.raises(InputError, match="bytes of results"):
+        check_checkpoint_file(tmp_path)
+
+
+def test_a_rollback_journal_is_refused_before_the_database_is_opened(
+    database: sqlite3.Connection, tmp_path: Path
+) -> None:
+    (tmp_path / f"{FILE}-journal").write_bytes(b"")
+    with pytest.raises(InputError, match="journal"):
+        check_checkpoint_file(tmp_path)
