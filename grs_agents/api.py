@@ -25,7 +25,7 @@ from grs_agents.runs.graph_loading import load_graph
 from grs_agents.runs.hashes import add_hash
 from grs_agents.runs.program_check import CheckResult, check_user_program, open_check_order
 from grs_agents.runs.record import RunRecord, read_record
-from grs_agents.runs.run_opening import RunOrder
+from grs_agents.runs.run_opening import RunOrder, find_recorded_scene
 from grs_agents.sim.instance.task_instance import TaskInstance
 from grs_agents.tasks.task_folder import open_task_folder
 from grs_agents.views.live_views import attach_live_views
@@ -115,7 +115,9 @@ class Run:
             ConfigError: a setting of the run must be repeated, or must not change.
         """
         local = load_config(None if config is None else Path(config), overrides=settings)
-        order = RunOrder(self.record.command, Path(self.record.source), local, self.folder, resume=True, reply=reply)
+        order = RunOrder(
+            self.record.command, find_recorded_scene(self.folder), local, self.folder, resume=True, reply=reply
+        )
         return _execute_run_or_raise(order, partial(attach_live_views, progress=progress))
 
 

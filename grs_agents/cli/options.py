@@ -133,9 +133,9 @@ def add_model_setting(settings: list[str] | None, models: list[str] | None) -> l
 def find_unnamed_scene(resumed: Path | None, cassette: str | None) -> Path:
     """The scene of a resumed or recorded run, for a command line without a scene."""
     if resumed is not None:
-        from grs_agents.runs.record import read_record
+        from grs_agents.runs.run_opening import find_recorded_scene
 
-        return Path(read_record(resumed).source)
+        return find_recorded_scene(resumed)
     if cassette is not None:
         from grs_agents.agents.recorded import read_cassette
 

@@ -125,6 +125,20 @@ def open_resumed_folder(out: Path | None, source: Path, command: str) -> tuple[P
     return out, record
 
 
+def find_recorded_scene(folder: Path) -> Path:
+    """The scene of an earlier run, by its record.
+
+    Raises:
+        InputError: the run would begin anew, with a photo that the folder alone chooses.
+    """
+    record = read_record(folder)
+    source = Path(record.source)
+    shipped = source.resolve() in {scene.resolve() for scene in content.sample_scenes().values()}
+    if record.status not in EXIT_STATUS and not shipped and not (folder / CHECKPOINT).is_file():
+        raise InputError(f"{folder} holds no {CHECKPOINT} to go on from", "name the scene, which then begins anew")
+    return source
+
+
 GIVEN = frozenset({"scene_path", "max_fixes", "fixes", "history"})
 """State fields that every run begins with."""
 

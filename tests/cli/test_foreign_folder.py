@@ -281,3 +281,13 @@ def test_a_record_that_asks_for_files_code_or_endpoints_is_refused_in_one_line(
     with pytest.raises(ConfigError, match="a run folder cannot choose"):
         Run(begun).resume("yes")
     assert not (begun.parent / "written.json").exists()
+
+
+def test_a_folder_without_checkpoint_does_not_choose_the_photo(run: Path, small_scene: Path, tmp_path: Path) -> None:
+    copy = Path(shutil.copytree(run, tmp_path / "theirs"))
+    record = json.loads((copy / "run.json").read_text("utf-8"))
+    record |= {"status": "interrupted", "exit_status": None, "source": str(small_scene)}
+    (copy / "run.json").write_text(json.dumps(record), "utf-8")
+    (copy / "checkpoint.sqlite").unlink(missing_ok=True)
+    done = grs("run", "--out", "theirs", "--resume", folder=tmp_path)
+    assert done.returncode == 2 and "name the scene" in done.stderr, done
