@@ -14,11 +14,13 @@ from grs_agents.cli.options import (
     Address,
     BatchEngine,
     BatchOut,
+    Camera,
     Cameras,
     Cassette,
     ConfigFile,
     Demonstrations,
     DemosOut,
+    DepthScale,
     Distractors,
     Episodes,
     Friction,
@@ -48,6 +50,7 @@ from grs_agents.cli.options import (
     Where,
     Workers,
     Yaw,
+    add_camera_settings,
     add_model_setting,
     build_recording_settings,
     build_variation_from_options,
@@ -129,6 +132,8 @@ def run(
     config: ConfigFile = None,
     settings: Settings = None,
     models: Models = None,
+    camera: Camera = None,
+    depth_scale: DepthScale = None,
     seed: Seed = None,
     out: Out = None,
     resume: Resume = False,
@@ -143,6 +148,7 @@ def run(
     from grs_agents.cli.run import run_graph
 
     settings = [*build_recording_settings(record, cassette), *add_model_setting(settings, models)]
+    settings = add_camera_settings(settings, camera, depth_scale)
     chosen = load_effective_config(config, settings, seed, unsafe)
     scene = scene or find_unnamed_scene(out if resume else None, cassette)
     sys.exit(run_graph("run", scene, chosen, out, resume, json, view, otel))
@@ -154,6 +160,8 @@ def scene(
     config: ConfigFile = None,
     settings: Settings = None,
     models: Models = None,
+    camera: Camera = None,
+    depth_scale: DepthScale = None,
     seed: Seed = None,
     out: Out = None,
     json: Json = False,
@@ -161,7 +169,7 @@ def scene(
     """Comprehend a photo alone: its objects, their boxes and assets."""
     from grs_agents.cli.run import run_graph
 
-    settings = add_model_setting(settings, models)
+    settings = add_camera_settings(add_model_setting(settings, models), camera, depth_scale)
     check_graph_is_scene(load_effective_config(config, settings, seed))
     chosen = load_effective_config(config, [*settings, "graph=scene"], seed)
     sys.exit(run_graph("scene", scene, chosen, out, False, json))
@@ -210,6 +218,8 @@ def batch(
     config: ConfigFile = None,
     settings: Settings = None,
     models: Models = None,
+    camera: Camera = None,
+    depth_scale: DepthScale = None,
     seed: Seed = None,
     out: BatchOut = Path("runs/batch"),
     engine: BatchEngine = "local",
@@ -229,7 +239,7 @@ def batch(
 
     if not scenes:
         sys.exit(list_batch(out, where, json))
-    settings = add_model_setting(settings, models)
+    settings = add_camera_settings(add_model_setting(settings, models), camera, depth_scale)
     limits = {"workers": workers, "timeout": timeout, "engine": engine, "address": address}
     sys.exit(run_batch_and_print_rows(scenes, out, tasks, seed, config, settings, where, reports, json, **limits))
 

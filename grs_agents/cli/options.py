@@ -36,6 +36,18 @@ Models = Annotated[
         metavar="NAME",
     ),
 ]
+Camera = Annotated[
+    str | None,
+    typer.Option(
+        "--camera",
+        help="The photo's intrinsics, or a sensor's name, e.g. realsense-d435, for a capture that states none.",
+        metavar="FX,FY,CX,CY[,W,H]",
+    ),
+]
+DepthScale = Annotated[
+    float | None,
+    typer.Option("--depth-scale", help="Metres per unit of the depth, 0.001 for millimetres.", metavar="M"),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON alone on stdout.")]
 Out = Annotated[Path | None, typer.Option("--out", help="The run folder; runs/<id> by default.", metavar="DIR")]
 Resume = Annotated[bool, typer.Option("--resume", help="Go on with the run in --out where it stopped.")]
@@ -128,6 +140,12 @@ def load_effective_config(
 def add_model_setting(settings: list[str] | None, models: list[str] | None) -> list[str]:
     """The settings plus ``--model``: ``--model NAME`` is ``--set models.default=NAME``."""
     return [*(settings or []), *([f"models.default={json.dumps(models)}"] if models else [])]
+
+
+def add_camera_settings(settings: list[str], camera: str | None, depth_scale: float | None) -> list[str]:
+    """The settings plus ``camera.intrinsics`` of ``--camera`` and ``camera.depth_scale`` of ``--depth-scale``."""
+    stated = [] if camera is None else [f"camera.intrinsics={json.dumps(camera)}"]
+    return [*settings, *stated, *([] if depth_scale is None else [f"camera.depth_scale={depth_scale!r}"])]
 
 
 def find_unnamed_scene(resumed: Path | None, cassette: str | None) -> Path:

@@ -118,7 +118,7 @@ def read_photo_into_run(state: RunState, services: Services) -> Update:
     def estimate_depth(rgb: Image, focal: float | None, photo: str) -> DepthEstimate:
         return services.run_tool(config.tools.depth, rgb=rgb, focal=focal, photo=photo, model=config.depth.model)
 
-    frame = read_foreign_scene(source, estimate_depth, config.depth.field_of_view)
+    frame = read_foreign_scene(source, estimate_depth, config.depth.field_of_view, config.camera)
     noise = measure_depth_noise(frame)
     frame = smooth_depth_noise(frame, noise)
     doubts = describe_depth_shift(frame)
@@ -136,6 +136,8 @@ def read_photo_into_run(state: RunState, services: Services) -> Update:
     camera = frame.camera.model_dump(mode="json")
     summary = {"camera": camera, "noise": noise.at_one_metre}
     services.log.append(SceneStage(stage="frame", summary=summary, files=files))
+    for note in frame.notes:
+        services.log.append(Note(level="warning", text=note))
     return {"notes": notes, "image": files["rgb"], "camera": camera}
 
 

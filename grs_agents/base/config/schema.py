@@ -170,6 +170,17 @@ class DepthConfig(Frozen):
     field_of_view: Annotated[float | None, Portable()] = Field(default=None, ge=5, le=150)
 
 
+class CameraConfig(Frozen):
+    """Statements of the user on the photo's camera, which prevail over the files of the scene."""
+
+    # FX,FY,CX,CY[,WIDTH,HEIGHT] in pixels, or a sensor whose published field of view is taken
+    intrinsics: Annotated[str | None, Portable(r"[A-Za-z0-9_.,+-]{1,200}")] = Field(default=None, max_length=200)
+    # metres per unit of depth
+    depth_scale: Annotated[float | None, Portable()] = Field(default=None, gt=0, le=1000)
+    # whether colour and depth are rectified; decided by the planes of the depth if the lens is distorted
+    rectified: Annotated[bool | None, Portable()] = None
+
+
 class MatchConfig(Frozen):
     """Settings of a match tool beside the candidates, and the treatment of unmatched objects."""
 
@@ -260,6 +271,7 @@ class Config(Frozen):
     scene: Annotated[SceneConfig, Portable()] = SceneConfig()
     segment: SegmentConfig = SegmentConfig()
     depth: DepthConfig = DepthConfig()
+    camera: Annotated[CameraConfig, Portable()] = CameraConfig()
     match: MatchConfig = MatchConfig()
     shape: ShapeConfig = ShapeConfig()
     background: Annotated[BackgroundConfig, Portable()] = BackgroundConfig()

@@ -80,6 +80,12 @@ def read_npz(
         return arrays
 
 
+def list_npz_names(file: Path) -> list[str]:
+    """Names of the arrays of an archive. Raises InputError: it is no such archive."""
+    with _open_npz(read_bytes(file), str(file)) as archive:
+        return [name.removesuffix(".npy") for name in archive.namelist()]
+
+
 def read_npz_strings(data: bytes, where: str) -> list[str]:
     """All words that the arrays of an archive hold; arrays of numbers are not unpacked.
     Raises InputError: it is no such archive, is too large, or a member is no array of numbers or words."""

@@ -1,6 +1,7 @@
 """Camera of a scene: reading, checking, scaling to a picture of another size."""
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
@@ -9,7 +10,9 @@ from typing import Any, cast
 from pydantic import ValidationError
 
 from grs_agents.base.errors import InputError
-from grs_agents.base.foreign.files import read_json
+from grs_agents.base.foreign.files import path_exists, read_json
+from grs_agents.perception.reading.calibration_files import Calibration, distinct_calibrations, read_values
+from grs_agents.perception.reading.depth_encoding import MILLIMETRE, DepthUnit, Units, resolve_stated_scale
 from grs_agents.perception.types import Camera
 
 KEYS = "fx fy cx cy width height depth_scale"
@@ -28,18 +31,22 @@ MEANINGS = {
 }
 """Meanings of the keys of camera.json, for errors."""
 _OTHER_NAMES = {
-    "width": "image_width",
-    "height": "image_height",
+    "fx": "fl_x",
+    "fy": "fl_y",
+    "width": "image_width w xres im_w",
+    "height": "image_height h yres im_h",
     "cx": "ppx",
     "cy": "ppy",
-    "K": "camera_matrix intrinsic_matrix intrinsics",
-    "depth_scale": "depth_factor scale",
+    "depth_scale": "depth_factor factor_depth scale depthscale png_depth_scale depth_units",
     "T_robot_cam": "extrinsics extrinsic pose camera_pose t_base_cam t_world_cam t_cam_robot",
     "joints": "joint_positions joint_angles joint_state qpos",
 }
 ALIASES = {name: key for key, names in _OTHER_NAMES.items() for name in names.split()}
 """Other names that sensors' SDKs and data sets have for these keys, lower case."""
-DISTORTION_KEYS = ("d", "distortion", "distortion_coefficients", "dist_coeffs", "coeffs", "k1", "k2", "k3", "p1", "p2")
+COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+"""Order of OpenCV's distortion coefficients."""
+DISTORTION_KEYS = ("d", "distortion", "distortion_coefficients", "dist_coeffs", "coeffs", *COEFFICIENTS)
+FISHEYE_KEYS = ("distortion_model", "model", "camera_model")
 CONVENTION_KEYS = ("convention", "axes", "coordinate_system", "camera_convention")
 OPENCV_NAMES = ("opencv", "cv", "ros_optical", "optical")
 LARGEST = 1e9  # bound on the values of an intrinsic matrix
@@ -52,36 +59,58 @@ FULL_FRAME_DIAGONAL = 43.267
 
 
 @dataclass(frozen=True)
-class DepthUnit:
-    """Default of ``depth_scale`` if ``camera.json`` does not state it."""
-
-    scale: float | None  # metres per unit, ``None`` if it cannot be inferred
-    reason: str = ""  # for a note or an error; empty for the obvious unit
-
-
-@dataclass(frozen=True)
 class CameraFile:
     """A camera, and notes on its file."""
 
     camera: Camera
     notes: tuple[str, ...] = ()
+    distortion: tuple[float, ...] = ()  # OpenCV's coefficients of the lens; empty if it has none
+    taken: str = ""  # file and key of the intrinsics; empty for the documented keys of camera.json
 
 
-def read_camera_file(file: Path, unit: DepthUnit | None = None) -> CameraFile:
-    """Read ``camera.json``; ``unit`` is the default unit of depth.
+def read_camera_file(
+    file: Path, unit: DepthUnit | None = None, size: tuple[int, int] | None = None, units: Units | None = None
+) -> CameraFile:
+    """Read ``camera.json``, or a file of another program with intrinsics.
 
-    ``K`` may replace ``fx fy cx cy``. Unknown keys go into the notes; refused are those that seem to mean a missing key
-    or would change the result.
+    ``K`` may replace ``fx fy cx cy``, and other names of intrinsics and size are understood. Unknown keys of
+    camera.json go into the notes; refused are those that seem to mean a missing key or would change the result.
+
+    Args:
+        file: JSON, YAML, text, CSV or MATLAB; see `calibration_files`.
+        unit: default unit of depth.
+        size: width and height of the photo, the default of a file that states none.
+        units: the depth (H, W) as recorded, by which a foreign scale is understood.
 
     Raises:
-        InputError: it cannot be read, is not JSON, or a value is missing, not finite or absurd; the lens is distorted;
-            or a key seems to be another name of a missing key.
+        InputError: it cannot be read, or a value is missing, not finite or absurd; it holds several cameras, of which
+            none has the photo's size or is named after the colour camera; or a key seems to mean a missing key.
     """
-    given = read_json(file, f"put camera.json there, with {KEYS}")
+    values: object = read_values(file) if path_exists(file) else read_json(file, f"put camera.json there, with {KEYS}")
+    if isinstance(values, list) and len(cast(list[object], values)) == 1:
+        values = cast(list[object], values)[0]
+    own_keys = isinstance(values, dict) and bool({"fx", "K", "k"} & cast(dict[object, object], values).keys())
+    calibrations = [] if own_keys else distinct_calibrations(cast(object, values), file.name)
+    if calibrations:
+        return camera_from_calibration(choose_calibration(calibrations, size, str(file)), size, unit, units)
+    if not isinstance(values, dict):
+        raise InputError(f"{file} is not a JSON object", f"put camera.json there, with {KEYS}")
+    return _camera_from_mapping(
+        {str(k): v for k, v in cast(dict[object, Any], values).items()}, file, unit, size, units
+    )
+
+
+def _camera_from_mapping(
+    given: Mapping[str, Any], file: Path, unit: DepthUnit | None, size: tuple[int, int] | None, units: Units | None
+) -> CameraFile:
+    """The camera of a mapping with ``fx fy cx cy`` or ``K``."""
     values: dict[str, Any] = {key: value for key, value in given.items() if key in Camera.model_fields}
     unused: list[str] = []
+    distortion: dict[str, float] = {}
+    foreign_scale: float | None = None
     for key, value in given.items():
         name = key.lower()
+        alias = ALIASES.get(name, "")
         if name == "k":
             where = f"{file}: {key}"
             intrinsics = intrinsics_from_matrix(value, where)
@@ -90,32 +119,98 @@ def read_camera_file(file: Path, unit: DepthUnit | None = None) -> CameraFile:
                     found = f"{where} says {part} = {number:g}, but {part} = {given[part]!a:.40}"
                     raise InputError(found, "leave one of them out")
             values |= intrinsics
-        elif key not in Camera.model_fields:
-            undistorted = name in DISTORTION_KEYS and (
-                value is None or all(type(item) in (int, float) and item == 0 for item in _flatten_list(value))
+        elif key in Camera.model_fields:
+            continue
+        elif name in DISTORTION_KEYS:
+            distortion |= _distortion_of_key(name, value, f"{file}: {key}")
+        elif alias in INTRINSICS and alias not in given and isinstance(value, int | float):
+            values[alias] = value
+        elif alias == "depth_scale" and alias not in given and isinstance(value, int | float) and 0 < value < LARGEST:
+            foreign_scale = float(value)
+        elif name in FISHEYE_KEYS and isinstance(value, str) and re.search("equi|fisheye|kannala|ftheta", value, re.I):
+            raise InputError(
+                f"{file}: {key} = {value!a:.40} is a fisheye lens", "rectify colour and depth to a pinhole camera"
             )
-            opencv = name in CONVENTION_KEYS and isinstance(value, str) and value.lower() in OPENCV_NAMES
-            if not undistorted and not opencv:
-                _refuse_meaningful_key(key, value, given, str(file))
-                unused.append(f"{key[:40]!a}")
-    notes = [f"camera.json: not used: {', '.join(unused[:12])}"] if unused else []
+        elif not (name in CONVENTION_KEYS and isinstance(value, str) and value.lower() in OPENCV_NAMES):
+            _refuse_meaningful_key(key, value, given, str(file))
+            unused.append(f"{key[:40]!a}")
+    if size is not None and not {"width", "height"} & values.keys():
+        values |= {"width": size[0], "height": size[1]}
+    standard = file.name == "camera.json"
+    notes = [f"camera.json: not used: {', '.join(unused[:12])}"] if unused and standard else []
     if unit is not None and "depth_scale" not in values:
+        if foreign_scale is not None:
+            unit = unit if units is None else resolve_stated_scale(units, foreign_scale)
         if unit.scale is None:
             raise InputError(f"{file}: depth_scale is missing, and {unit.reason}", DEPTH_SCALE_REMEDY)
         values = {"depth_scale": unit.scale} | values
-        notes += [f"camera.json gives no depth_scale: {unit.reason}"] if unit.reason else []
-    return CameraFile(camera_from_values(values, str(file)), tuple(notes))
+        notes += [f"{file.name} gives no depth_scale: {unit.reason}"] if unit.reason else []
+    coefficients = tuple(distortion.get(name, 0.0) for name in COEFFICIENTS)
+    while coefficients and not coefficients[-1]:
+        coefficients = coefficients[:-1]
+    camera = camera_from_values(values, str(file))
+    return CameraFile(camera, tuple(notes), coefficients, "" if standard else file.name)
+
+
+def _distortion_of_key(name: str, value: object, where: str) -> dict[str, float]:
+    """Coefficients by name of a list in OpenCV's order, or of a single named coefficient."""
+    if value is None:
+        return {}
+    if isinstance(value, Mapping):
+        value = cast(Mapping[str, object], value).get("data", [])
+    numbers = _flatten_list(value)
+    if len(numbers) > len(COEFFICIENTS) or not all(
+        type(number) in (int, float) and abs(cast(float, number)) < LARGEST for number in numbers
+    ):
+        raise InputError(
+            f"{where} = {value!a:.80} are no distortion coefficients of OpenCV",
+            f"give at most {len(COEFFICIENTS)} numbers, or rectify colour and depth and leave them out",
+        )
+    named = [name] if name in COEFFICIENTS else COEFFICIENTS[: len(numbers)]
+    return dict(zip(named, (float(cast(float, number)) for number in numbers), strict=True))
+
+
+def camera_from_calibration(
+    calibration: Calibration, size: tuple[int, int] | None, unit: DepthUnit | None, units: Units | None
+) -> CameraFile:
+    """The camera of a foreign file or of the command line; arguments as `read_camera_file`, errors likewise."""
+    width, height = calibration.size or size or (0, 0)
+    notes: list[str] = []
+    if unit is None:
+        unit = DepthUnit(MILLIMETRE)
+    elif calibration.scale is not None and units is not None:
+        unit = resolve_stated_scale(units, calibration.scale)
+    if unit.scale is None:
+        remedy = "give it as --depth-scale: metres per unit of depth, 0.001 for millimetres"
+        raise InputError(f"{calibration.source}: the unit of depth is not stated, and {unit.reason}", remedy)
+    if unit.reason:
+        notes.append(f"the unit of depth is not stated: {unit.reason}")
+    values = {name: getattr(calibration, name) for name in ("fx", "fy", "cx", "cy")}
+    camera = camera_from_values(
+        {**values, "width": width, "height": height, "depth_scale": unit.scale}, calibration.source
+    )
+    return CameraFile(camera, tuple(notes), calibration.distortion, calibration.source)
+
+
+def choose_calibration(calibrations: Sequence[Calibration], size: tuple[int, int] | None, where: str) -> Calibration:
+    """The colour camera among several: the only one of the photo's size, or named after colour.
+
+    Raises:
+        InputError: several are left.
+    """
+    named = [each for each in calibrations if re.search("color|colour|rgb", each.source, re.IGNORECASE)]
+    left = named or list(calibrations)
+    left = [each for each in left if each.size == size] or left
+    left = [each for each in left if not re.search("depth|infra|left|right", each.source, re.IGNORECASE)] or left
+    if len(left) > 1:
+        names = ", ".join(each.source for each in left[:6])
+        raise InputError(f"{where} holds {len(left)} cameras: {names}", "give one as --camera FX,FY,CX,CY")
+    return left[0]
 
 
 def _refuse_meaningful_key(key: str, value: object, values: Mapping[str, Any], where: str) -> None:
     """Refuse an unknown key that would change the result, or seems to mean a missing key."""
     name = key.lower()
-    if name in DISTORTION_KEYS:
-        raise InputError(
-            f"{where}: {key} = {value!a:.80} says that the lens is distorted; whether the pictures are "
-            "rectified already cannot be told",
-            f"rectify colour and depth (ROS: image_rect), give the camera of those pictures, and leave {key} out",
-        )
     if name in CONVENTION_KEYS and "T_robot_cam" in values:
         raise InputError(
             f"{where}: {key} = {value!a:.40}, but T_robot_cam is taken to be from OpenCV's camera axes "
@@ -125,7 +220,7 @@ def _refuse_meaningful_key(key: str, value: object, values: Mapping[str, Any], w
     spelt = {field.lower(): field for field in Camera.model_fields if len(field) > 2}
     close = [] if name in ALIASES else get_close_matches(name, spelt, 1, 0.8)
     meant = spelt[close[0]] if close else ALIASES.get(name)
-    if meant is not None and meant not in values and not (meant == "K" and "fx" in values):
+    if meant is not None and meant not in values:
         remedy = f"give {meant}: {MEANINGS[meant]}; or leave {key[:40]!a} out"
         raise InputError(f"{where}: unknown key {key[:40]!a}, and {meant} is missing", remedy)
 

@@ -11,16 +11,17 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from grs_agents.base import content
+from grs_agents.base.config.schema import CameraConfig
 from grs_agents.base.errors import InputError
 from grs_agents.base.foreign.files import is_folder, list_folder_names, path_exists
 from grs_agents.base.foreign.pictures import MOST_PIXELS
-from grs_agents.perception.reading import point_cloud
 from grs_agents.perception.reading.bop import PREFIX, is_bop_source, parse_bop_source
+from grs_agents.perception.reading.capture import list_files, split_choice
 from grs_agents.perception.reading.frame_assembly import MOST_FRAME_PIXELS, SceneRecording
 from grs_agents.perception.reading.masks import MOST_MASKS, STEMS, Labels, read_masks
 from grs_agents.perception.reading.photo_without_depth import Estimator
-from grs_agents.perception.reading.picture import SUFFIXES, ColorPicture
-from grs_agents.perception.reading.scene_folder import is_scene_file_name
+from grs_agents.perception.reading.picture import ColorPicture
+from grs_agents.perception.reading.scene_folder import SCENE_SUFFIXES
 from grs_agents.perception.reading.scene_source import check_scene_source, finish_recording, read_scene
 from grs_agents.perception.types import Camera, RGBDFrame
 from grs_agents.sandbox.host.foreign_reader import ForeignReader, WorkerReply
@@ -28,7 +29,7 @@ from grs_agents.sandbox.host.foreign_reader import ForeignReader, WorkerReply
 _WORKER = "grs_agents.perception.reading.worker"
 _MOST_LINKS = 1_000
 """Bound on the followed links to files outside a scene's folder."""
-_TARGETS = frozenset((*SUFFIXES, *point_cloud.SUFFIXES, ".npz", ".json"))
+_TARGETS = frozenset(SCENE_SUFFIXES)
 _HASH = re.compile("[0-9a-f]{30,64}")
 """Name of a file in a content-addressed store (Hugging Face, DVC), a usual target of links in data sets."""
 
@@ -56,7 +57,10 @@ class _Scene(BaseModel):
 
 
 def read_foreign_scene(
-    source: Path, estimate: Estimator | None = None, field_of_view: float | None = None
+    source: Path,
+    estimate: Estimator | None = None,
+    field_of_view: float | None = None,
+    camera: CameraConfig | None = None,
 ) -> RGBDFrame:
     """As `read_scene`, in a worker without keys that can open only the scene; shipped scenes are read in process.
 
@@ -65,18 +69,18 @@ def read_foreign_scene(
     """
     check_scene_source(source)
     if _is_shipped(source):
-        return read_scene(source, estimate, field_of_view)
+        return read_scene(source, estimate, field_of_view, camera)
     home = _find_home(source)
     if is_bop_source(source):
         image = parse_bop_source(source)
         pictures = image.find_picture_file("rgb", "gray"), image.find_picture_file("depth")
         files = [home / "scene_camera.json", *(file for file in pictures if file is not None)]
-    elif is_folder(source):
-        files = [home / name for name in list_folder_names(home) if is_scene_file_name(name)]
+    elif is_folder(home) and home != source.parent:
+        files = [home / path for path in list_files(home) if path.suffix.lower() in SCENE_SUFFIXES]
     else:
         files = [home / "camera.json"]
     links = _find_linked_files(home, files)
-    reading = _read_in_worker(source, {}, links)
+    reading = _read_in_worker(source, {"camera": (camera or CameraConfig()).model_dump()}, links)
     linked = tuple(f"{link} is a link to {target}, outside the scene's folder" for link, target in links.items())
     try:
         scene = _Scene.model_validate(reading.answer)
@@ -128,7 +132,7 @@ def read_foreign_masks(source: Path, shape: tuple[int, int]) -> Labels:
 
 def _read_in_worker(source: Path, request: dict[str, Any], links: dict[Path, Path]) -> WorkerReply:
     try:
-        if is_bop_source(source) or is_folder(source):
+        if is_bop_source(source) or is_folder(split_choice(source)[0]):
             readable = [_find_home(source)]
         elif "shape" in request and source.suffix.lower() != ".npz":
             readable = [source.parent]  # the masks of a photo lie beside it
@@ -168,7 +172,8 @@ def _find_home(source: Path) -> Path:
     """The folder of a scene, or of its file."""
     if is_bop_source(source):
         return parse_bop_source(source).scene
-    return source if is_folder(source) else source.parent
+    folder, _ = split_choice(source)
+    return folder if is_folder(folder) else source.parent
 
 
 def _find_linked_files(folder: Path, files: Iterable[Path]) -> dict[Path, Path]:

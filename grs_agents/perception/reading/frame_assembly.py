@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -11,22 +11,23 @@ import numpy.typing as npt
 
 from grs_agents.base.errors import InputError
 from grs_agents.perception.image_geometry import depth_in_metres
-from grs_agents.perception.reading.camera import DEPTH_SCALE_REMEDY, DepthUnit, scale_camera_to_size
+from grs_agents.perception.reading.camera import DEPTH_SCALE_REMEDY, scale_camera_to_size
+from grs_agents.perception.reading.depth_encoding import (
+    FARTHEST,
+    MILLIMETRE,
+    NEAREST,
+    Depth,
+    Units,
+    convert_ray_distance,
+    measure_plane_share,
+)
 from grs_agents.perception.reading.picture import ColorPicture, rotate_by_exif
 from grs_agents.perception.types import Camera, Image, RGBDFrame
 
-Depth = npt.NDArray[np.float32]
-Units = npt.NDArray[np.number[Any]]
-
 Scalar = TypeVar("Scalar", bound=np.generic)
 
-NEAREST, FARTHEST = 0.1, 10.0  # the median depth of a table-top photo lies between these, in metres
 LEAST_MEASURED = 0.02  # at least this share of the pixels must have a depth
-MILLIMETRE = 0.001
 LEAST_RELIEF = 0.02  # metres between nearest and farthest point of a table with objects: they are at least 2 cm
-TABLE_NEAREST, TABLE_FARTHEST = 0.3, 2.0
-"""An unnamed unit is inferred only if it puts the median depth between these, in metres: photos of tables are taken
-from 0.4 to 1.5 m."""
 BEYOND = 65.0  # metres; farther depth is dropped, which also keeps it within 16 bits of millimetres
 JUMP = 0.03  # relative depth difference of neighbouring pixels on different surfaces
 
@@ -78,23 +79,6 @@ def convert_depth_to_metres(measured: RecordedDepth) -> Depth:
     return depth
 
 
-def guess_depth_unit(units: Units) -> DepthUnit:
-    """Default unit of depth (H, W) if ``camera.json`` does not state it.
-
-    Floats are metres. 16-bit integers are millimetres, as nearly all sensors write them, if the median depth is then
-    that of a table: units of 0.1 or 0.2 mm, as in some data sets, would exceed it."""
-    if units.dtype.kind == "f":
-        return DepthUnit(1.0)
-    if units.dtype != np.uint16:
-        return DepthUnit(None, f"integers of type {units.dtype} have no usual unit")
-    measured = units[(units > 0) & (units < np.iinfo(np.uint16).max)]
-    median = float(np.median(measured)) * MILLIMETRE if measured.size else 0.0
-    if TABLE_NEAREST <= median <= TABLE_FARTHEST:
-        return DepthUnit(MILLIMETRE, f"taken are millimetres (0.001), with which the median depth is {median:.2f} m")
-    bounds = f"outside the {TABLE_NEAREST}..{TABLE_FARTHEST} m of a photo of a table"
-    return DepthUnit(None, f"with millimetres the median depth would be {median:.2f} m, {bounds}")
-
-
 def have_same_aspect_ratio(size: tuple[int, int], other: tuple[int, int]) -> bool:
     """Whether two picture sizes (width, height) have the same aspect ratio, to a pixel of the smaller picture."""
     (width, height), (other_width, other_height) = sorted((size, other))
@@ -137,6 +121,7 @@ def _preceding_pixel_indices(old: int, new: int) -> npt.NDArray[np.int64]:
 
 MOST_FRAME_PIXELS = 9_000_000
 """Larger frames (4K has 8.8 million pixels) are reduced: objects of 2 cm remain visible."""
+IGNORED_DISTORTION = 1.0  # px; calibrations are hardly better
 SMALLEST = 8  # least pixels a side of a frame
 
 
@@ -149,6 +134,8 @@ class SceneRecording:
     camera: Camera | None = None  # of the colour or of the depth picture, whichever has its size
     measured: RecordedDepth | None = None  # the depth
     notes: tuple[str, ...] = ()  # on the reading of the scene
+    distortion: tuple[float, ...] = ()  # OpenCV's coefficients of the lens that `camera` belongs to
+    rectified: bool | None = None  # whether colour and depth are rectified already, if the user said so
 
     @property
     def picture_size(self) -> tuple[int, int]:
@@ -190,7 +177,46 @@ def assemble_frame(recording: SceneRecording, camera: Camera, measured: Recorded
         depth = resize_depth(depth, *target)
     depth_scale = measured.scale if measured.units.dtype == np.uint16 else MILLIMETRE  # as a 16-bit picture holds it
     camera = scale_camera_to_size(camera, *target).model_copy(update={"depth_scale": depth_scale})
+    if any(recording.distortion):
+        rgb, depth, note = _rectify(rgb, depth, camera, recording.distortion, recording.rectified)
+        recording = recording.with_note(note)
+    depth, note = convert_ray_distance(depth, camera.intrinsics, measured.where)
+    recording = recording.with_note(note) if note else recording
     return RGBDFrame(rgb, depth, camera, recording.source, recording.notes)
+
+
+def _rectify(
+    rgb: Image, depth: Depth, camera: Camera, distortion: Sequence[float], rectified: bool | None
+) -> tuple[Image, Depth, str]:
+    """Colour and depth of a pinhole camera, with a note; unchanged if they are rectified already.
+
+    If the user did not say which, planes decide: the reading under which the largest plane has more pixels.
+    """
+    matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
+    coefficients = np.array([*distortion, *(0.0,) * (8 - len(distortion))])
+    rows, columns = (axis.ravel() for axis in np.mgrid[0 : camera.height : 24j, 0 : camera.width : 32j])
+    pixels = np.stack([columns, rows], axis=1)
+    straight = cv2.undistortPoints(pixels[:, None], matrix, coefficients, P=matrix)[:, 0]
+    moved = float(np.hypot(*(straight - pixels).T).max())
+    if moved < IGNORED_DISTORTION:
+        return rgb, depth, f"the lens distorts by at most {moved:.1f} px, which is ignored"
+    reason = "as the camera's settings say"
+    if rectified is None:
+        seen_rows, seen_columns = np.nonzero(depth > 0)
+        seen = np.stack([seen_columns, seen_rows], axis=1)[:, None].astype(np.float64)
+        raw = np.asarray(cv2.undistortPoints(seen, matrix, coefficients)[:, 0], np.float64)
+        pinhole = np.stack([(seen_columns - camera.cx) / camera.fx, (seen_rows - camera.cy) / camera.fy], axis=1)
+        inverse = 1 / depth[seen_rows, seen_columns].astype(np.float64)
+        before, after = (measure_plane_share(points, inverse) for points in (pinhole, raw))
+        rectified = after <= before
+        reason = f"its largest plane has {before:.1%} of the pixels as rectified, {after:.1%} as raw"
+    if rectified:
+        return rgb, depth, f"colour and depth were taken as rectified: {reason}"
+    size = (camera.width, camera.height)
+    across, down = cv2.initUndistortRectifyMap(matrix, coefficients, np.eye(3), matrix, size, cv2.CV_32FC1)
+    rgb = np.asarray(cv2.remap(rgb, across, down, cv2.INTER_LINEAR), dtype=np.uint8)
+    depth = np.asarray(cv2.remap(depth, across, down, cv2.INTER_NEAREST), dtype=np.float32)
+    return rgb, depth, f"colour and depth were rectified, by up to {moved:.0f} px: {reason}"
 
 
 def apply_exif_orientation(recording: SceneRecording, sizes: Sequence[tuple[int, int]]) -> SceneRecording:

@@ -9,6 +9,7 @@ from grs_agents.base.errors import InputError
 from grs_agents.base.foreign.arrays import Numbers, read_npy, read_npz
 from grs_agents.base.foreign.files import is_folder, list_folder_names
 from grs_agents.perception.reading.bop import is_bop_source, parse_bop_source
+from grs_agents.perception.reading.capture import split_choice
 from grs_agents.perception.reading.frame_assembly import have_same_aspect_ratio, resize_nearest
 from grs_agents.perception.reading.picture import SUFFIXES, read_label_picture
 
@@ -34,8 +35,9 @@ def read_masks(source: Path, shape: tuple[int, int]) -> Labels:
     if is_bop_source(source):
         image = parse_bop_source(source)
         return _merge_masks(_read_mask_pictures(image.scene / "mask_visib", f"{image.file_stem}_"), shape, str(source))
-    if is_folder(source):
-        return _labels_from_folder(source, shape)
+    folder, _ = split_choice(source)
+    if is_folder(folder):
+        return _labels_from_folder(folder, shape)
     if source.suffix.lower() == ".npz":
         arrays = read_npz(source, {"masks": "(H, W) numbers or (N, H, W) masks"}, {})
         return _labels_from_array(arrays["masks"], shape, f"masks in {source}")

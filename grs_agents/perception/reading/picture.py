@@ -4,6 +4,7 @@ import warnings
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +14,17 @@ import numpy.typing as npt
 from PIL import Image as Pillow
 
 from grs_agents.base.errors import InputError
+from grs_agents.base.foreign.arrays import Numbers
 from grs_agents.base.foreign.files import read_bytes
-from grs_agents.base.foreign.pictures import MALFORMED, open_picture
+from grs_agents.base.foreign.pictures import FORMATS, MALFORMED, MOST_PIXELS, open_picture
 from grs_agents.perception.types import Image
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".heic", ".heif")
+COLOR_SUFFIXES = (*SUFFIXES, ".ppm", ".pnm", ".pgm")
+DEPTH_SUFFIXES = (*SUFFIXES, ".pgm", ".pnm", ".exr", ".npy", ".npz")
 GREY = ("1", "L", "LA", "I;16", "I;16B", "I;16L")
 COLORED = ("RGB", "RGBA", "RGBX", "P", "PA", "CMYK", "YCbCr")
+_NETPBM = (".ppm", ".pnm", ".pgm")
 _STRIP = 256
 """Rows per conversion."""
 _ORIENTATION, _EXIF, _FOCAL_35MM = 0x0112, 0x8769, 0xA405
@@ -60,6 +65,8 @@ def read_color_picture(file: Path) -> ColorPicture:
 
 def read_depth_picture(file: Path) -> "npt.NDArray[np.number[Any]]":
     """Read a depth picture: (H, W) of 16- or 32-bit integers or floats, in the file's own unit."""
+    if file.suffix.lower() == ".exr":
+        return _read_exr(file)
     with _open_decoded_picture(file) as image:
         units = np.array(image)
         if units.ndim == 3:  # Pillow cuts channels of 16 bits down to 8
@@ -71,8 +78,37 @@ def read_depth_picture(file: Path) -> "npt.NDArray[np.number[Any]]":
     if units.ndim != 2 or image.mode in ("P", "1") or units.dtype.itemsize < 2:
         channels = 1 if units.ndim == 2 else units.shape[2]
         kind = f"a palette of {units.dtype}" if image.mode == "P" else f"{channels} channels of {units.dtype}"
-        raise InputError(f"{file} has {kind}, no depth", "write it as one channel of uint16")
-    return units
+        remedy = "write it as one channel of uint16"
+        if units.dtype == np.uint8:
+            colored = units.ndim == 3 and bool((units[..., :1] != units[..., 1:3]).any())
+            drawn = "a colour-mapped view of depth" if colored or image.mode == "P" else "depth in 256 steps"
+            remedy = f"it is {drawn}, from which distances cannot be restored: save the sensor's 16-bit depth"
+        raise InputError(f"{file} has {kind}, no depth", remedy)
+    # Pillow opens a PGM of 16 bits with 32
+    return units.astype(np.uint16) if image.format == "PPM" and 0 <= units.min() <= units.max() < 65536 else units
+
+
+def _read_exr(file: Path) -> "npt.NDArray[np.number[Any]]":
+    """The depth channel of an OpenEXR picture, (H, W) float32, by its usual names or the first of equal channels."""
+    read_bytes(file)  # a regular file of bounded size
+    open_exr: Any = import_module("OpenEXR").File
+    try:
+        with open_exr(str(file), header_only=True) as header:
+            left, top, right, bottom = np.ravel(header.header()["dataWindow"]).tolist()
+            if not 0 < (right - left + 1) * (bottom - top + 1) <= MOST_PIXELS:
+                raise InputError(
+                    f"{file} has {right - left + 1}x{bottom - top + 1} pixels", "give it at a smaller size"
+                )
+        with open_exr(str(file), separate_channels=True) as picture:
+            channels: dict[str, Numbers] = {name: channel.pixels for name, channel in picture.channels().items()}
+    except InputError:
+        raise
+    except Exception as error:  # its parser raises errors of several kinds on forged files
+        raise InputError(f"{file} is not a readable OpenEXR picture: {str(error)[:200]}", "write it as .npy") from error
+    for name in ("Z", "depth", "Depth", "depth.Z", "Y", "V", "R", *channels):
+        if name in channels and channels[name].ndim == 2:
+            return channels[name].astype(np.float32)
+    raise InputError(f"{file} has no channel of depth", "write it with one channel, Z")
 
 
 def read_label_picture(file: Path) -> npt.NDArray[np.int32]:
@@ -104,6 +140,11 @@ def rotate_by_exif(rgb: Image, orientation: int) -> Image:
 def _open_decoded_picture(file: Path) -> Generator[Pillow.Image]:
     """Open and decode a picture after a check of its size."""
     # Pillow warns of sizes beyond our tighter bound, and of torn EXIF blocks.
-    with warnings.catch_warnings(action="ignore"), open_picture(file, f"put {file.name} there") as (image, _):
+    with (
+        warnings.catch_warnings(action="ignore"),
+        open_picture(
+            file, f"put {file.name} there", (*FORMATS, "PPM") if file.suffix.lower() in _NETPBM else FORMATS
+        ) as (image, _),
+    ):
         image.load()
         yield image

@@ -1,113 +1,189 @@
-"""Reader of a scene folder: a photo, its depth as a picture, an array or a point cloud, and ``camera.json``."""
+"""Reader of a scene folder: a photo, its depth as a picture, an array or a point cloud, and the camera's file."""
 
-from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePath
+from typing import NoReturn
 
 import numpy as np
 
+from grs_agents.base.config.schema import CameraConfig
 from grs_agents.base.errors import InputError
-from grs_agents.base.foreign.arrays import read_npy
+from grs_agents.base.foreign.arrays import list_npz_names, read_npy, read_npz
 from grs_agents.base.foreign.files import list_folder_names, path_exists
-from grs_agents.perception.reading import point_cloud as clouds
-from grs_agents.perception.reading.camera import DepthUnit, read_camera_file
-from grs_agents.perception.reading.frame_assembly import RecordedDepth, SceneRecording, Units, guess_depth_unit
-from grs_agents.perception.reading.picture import SUFFIXES, read_color_picture, read_depth_picture
+from grs_agents.perception.reading import calibration_files, point_cloud
+from grs_agents.perception.reading.bop import PREFIX, read_bop_image
+from grs_agents.perception.reading.calibration_files import (
+    SENSORS,
+    Calibration,
+    calibration_from_option,
+    distinct_calibrations,
+    read_values,
+)
+from grs_agents.perception.reading.camera import (
+    KEYS,
+    CameraFile,
+    camera_from_calibration,
+    choose_calibration,
+    read_camera_file,
+)
+from grs_agents.perception.reading.capture import Capture, find_capture, is_camera_name, is_point_cloud_name
+from grs_agents.perception.reading.depth_encoding import DepthUnit, Units, decode_sensor_format, guess_depth_unit
+from grs_agents.perception.reading.frame_assembly import RecordedDepth, SceneRecording
+from grs_agents.perception.reading.picture import COLOR_SUFFIXES, DEPTH_SUFFIXES, read_color_picture, read_depth_picture
 from grs_agents.perception.reading.point_cloud import Cloud, depth_from_cloud, read_point_cloud
 from grs_agents.perception.reading.unread_formats import make_unread_format_error
 
-COLOR_STEMS = ("rgb", "color")
-NO_CLOUDS = ("masks", "labels")
 IN_METRES = DepthUnit(1.0)  # of points, and of depth estimated by a model
+_MOST_CAMERA_FILES = 40  # files of unknown names that are searched for intrinsics
+_DEPTH_ARRAYS = ("depth", "depth_image", "depth_map", "arr_0", "data")
+SCENE_SUFFIXES = (*COLOR_SUFFIXES, *DEPTH_SUFFIXES, *point_cloud.SUFFIXES, *calibration_files.SUFFIXES)
+"""Suffixes of the files that `read_scene_folder` may open."""
 
 
-def read_scene_folder(folder: Path) -> SceneRecording:
-    """Read ``rgb.*``, ``camera.json``, and ``depth.*`` or a point cloud."""
+def read_scene_folder(folder: Path, choice: str | None = None, hint: CameraConfig | None = None) -> SceneRecording:
+    """Read a photo, its depth as a picture, an array or a point cloud, and the intrinsics of both.
+
+    Args:
+        folder: see `find_capture`.
+        choice: the picture, if the folder holds several.
+        hint: the user's statements on the camera, which prevail over the folder's.
+    """
+    hint = hint or CameraConfig()
     names = list_folder_names(folder)
-    photo = _pick_single_name([name for name in names if _has_stem_and_suffix(name, COLOR_STEMS, SUFFIXES)], folder)
-    if photo is None:
-        raise _missing_photo_error(folder, names)
-    picture = read_color_picture(folder / photo)
-    depths = [name for name in names if _has_stem_and_suffix(name, ("depth",), (*SUFFIXES, ".npy"))]
-    depths = depths or [name for name in names if _is_point_cloud_name(name)]
-    depth_file = _pick_single_name(depths, folder)
-    camera_file = folder / "camera.json"
-    if depth_file is None:
-        return add_camera_to_recording(SceneRecording(folder, picture), camera_file)
-    return add_depth_to_recording(SceneRecording(folder, picture), folder / depth_file, camera_file)
+    if "scene_camera.json" in names and choice is not None:  # a scene of a BOP data set
+        return replace(
+            read_bop_image(Path(f"{PREFIX}{folder / choice}")), source=folder.with_name(f"{folder.name}:{choice}")
+        )
+    capture = find_capture(folder, choice)
+    if capture is None:
+        unread = next(filter(None, (make_unread_format_error(folder / name) for name in names)), None)
+        raise unread or InputError(f"{folder / 'rgb.png'} does not exist", "put the photo there as rgb.png")
+    source = folder if choice is None else folder.with_name(f"{folder.name}:{choice}")
+    recording = SceneRecording(source, read_color_picture(folder / capture.photo))
+    if capture.depth is None:
+        return _add_camera(recording, folder, capture, hint)
+    return _add_depth(recording, folder, capture, capture.depth, hint)
 
 
-def add_camera_to_recording(recording: SceneRecording, camera_file: Path) -> SceneRecording:
-    """A recording without depth, with the camera of its photo if the file exists."""
-    if not path_exists(camera_file):
+def _add_camera(recording: SceneRecording, folder: Path, capture: Capture, hint: CameraConfig) -> SceneRecording:
+    """A recording without depth, with the camera of its photo if it is known."""
+    read = _find_camera(folder, capture, recording.picture_size, hint, IN_METRES)
+    if read is None:
         return recording
-    read = read_camera_file(camera_file, IN_METRES)
     return replace(recording, camera=read.camera, notes=(*recording.notes, *read.notes))
 
 
-def add_depth_to_recording(recording: SceneRecording, file: Path, camera_file: Path) -> SceneRecording:
-    """The recording with the depth in ``file`` and the camera of both."""
-    depth = read_depth_or_cloud(file)
+def add_camera_to_recording(recording: SceneRecording, camera_file: Path, hint: CameraConfig) -> SceneRecording:
+    """A recording without depth, with the camera of its photo if the file exists or the user stated it."""
+    cameras = ((PurePath(camera_file.name),),) if path_exists(camera_file) else ()
+    return _add_camera(recording, camera_file.parent, Capture(PurePath(recording.source.name), None, cameras, ""), hint)
+
+
+def _add_depth(
+    recording: SceneRecording, folder: Path, capture: Capture, depth_path: PurePath, hint: CameraConfig
+) -> SceneRecording:
+    """The recording with its depth and the camera of both."""
+    file = folder / depth_path
+    depth = _read_depth_or_cloud(file)
+    size, notes = recording.picture_size, list(recording.notes)
     if isinstance(depth, Cloud):
-        read = read_camera_file(camera_file, IN_METRES)
-        units, note = depth_from_cloud(depth, read.camera)
-        notes = (*read.notes, note)
+        read = _find_camera(folder, capture, size, hint, IN_METRES) or _missing_camera(folder, capture)
+        units, cloud_note = depth_from_cloud(depth, read.camera)
+        notes += [*read.notes, cloud_note]
+        unit_note = "points in metres"
     else:
-        read = read_camera_file(camera_file, guess_depth_unit(depth))
-        units, notes = depth, read.notes
+        units, stated, encoding = depth, hint.depth_scale, ""
+        if stated is None:
+            units, stated, encoding = decode_sensor_format(depth)
+        unit = guess_depth_unit(units) if stated is None else DepthUnit(stated)
+        read = _find_camera(folder, capture, size, hint, unit, units) or _missing_camera(folder, capture)
+        if stated is not None:  # by the user or the sensor format, before any file
+            read = replace(read, camera=read.camera.model_copy(update={"depth_scale": stated}))
+        notes += read.notes
+        scale = read.camera.depth_scale
+        unit_note = encoding or ("metres" if scale == 1 else f"{scale:g} m a unit")
+    if not capture.has_standard_names or (read.taken and capture.cameras != ((PurePath("camera.json"),),)):
+        taken = read.taken or "camera.json"
+        notes.insert(0, f"photo {capture.photo}, depth {depth_path} ({unit_note}), camera {taken}")
     measured = RecordedDepth(units, read.camera.depth_scale, str(file))
-    return replace(recording, camera=read.camera, measured=measured, notes=(*recording.notes, *notes))
+    return replace(
+        recording,
+        camera=read.camera,
+        measured=measured,
+        notes=tuple(notes),
+        distortion=read.distortion,
+        rectified=hint.rectified,
+    )
 
 
-def read_depth_or_cloud(file: Path) -> Cloud | Units:
+def _missing_camera(folder: Path, capture: Capture) -> NoReturn:
+    """Raise the error for a picture with depth and without intrinsics."""
+    looked = ", ".join(str(path) for group in capture.cameras for path in group[:4])
+    searched = f" ({looked[:200]}: no intrinsics)" if looked else ""
+    raise InputError(
+        f"{folder / 'camera.json'} does not exist, and no other file states the camera's intrinsics{searched}",
+        f"put camera.json there, with {KEYS}; or give --camera FX,FY,CX,CY, or --camera SENSOR: {', '.join(SENSORS)}",
+    )
+
+
+def _read_depth_or_cloud(file: Path) -> Cloud | Units:
     """Depth in the file's own unit, (H, W), or points."""
-    if file.suffix.lower() in clouds.SUFFIXES and file.stem.lower() != "depth":
+    suffix = file.suffix.lower()
+    if suffix in point_cloud.SUFFIXES and is_point_cloud_name(file.name):
         return read_point_cloud(file)
-    if file.suffix.lower() != ".npy":
+    if suffix not in (".npy", ".npz"):
         return read_depth_picture(file)
-    array = read_npy(file)
+    if suffix == ".npy":
+        array = read_npy(file)
+    else:
+        names = list_npz_names(file)
+        likely = [name for name in _DEPTH_ARRAYS if name in names] or names
+        if not likely or (len(names) > 1 and likely == names):
+            held = ", ".join(name[:40] for name in names[:6]) or "nothing"
+            raise InputError(f"{file} holds {held}: which of them is depth cannot be told", "name it depth")
+        array = read_npz(file, {likely[0]: "(H, W)"}, {})[likely[0]]
+    array = array[0] if array.ndim == 3 and array.shape[0] == 1 else array
+    array = array[..., 0] if array.ndim == 3 and array.shape[2] == 1 else array
     if array.ndim != 2 or array.dtype.kind == "b" or array.dtype == np.uint8:
         remedy = "give (H, W), metres as floats"
         raise InputError(f"{file} is an array of shape {array.shape} and type {array.dtype}", remedy)
     return array
 
 
-def is_scene_file_name(name: str) -> bool:
-    """Whether `read_scene_folder` may read a file of this name."""
-    return (
-        name == "camera.json"
-        or _has_stem_and_suffix(name, (*COLOR_STEMS, "depth"), (*SUFFIXES, ".npy"))
-        or _is_point_cloud_name(name)
-    )
+def _find_camera(
+    folder: Path,
+    capture: Capture,
+    size: tuple[int, int],
+    hint: CameraConfig,
+    unit: DepthUnit,
+    units: Units | None = None,
+) -> CameraFile | None:
+    """The camera as the user states it, else of the likeliest file with intrinsics; ``None`` without any.
 
-
-def _missing_photo_error(folder: Path, names: Sequence[str]) -> InputError:
-    """Error for a folder without a photo of a known name; another picture may be the photo."""
-    stems = ("depth", *NO_CLOUDS)
-    others = [name for name in names if Path(name.lower()).suffix in SUFFIXES and Path(name.lower()).stem not in stems]
-    unread = next(filter(None, (make_unread_format_error(folder / name) for name in names)), None)
-    if not others and unread is not None:
-        return unread
-    if not others:
-        return InputError(f"{folder / 'rgb.png'} does not exist", "put the photo there as rgb.png")
-    shown = [f"{name[:60]!a}" for name in others[:4]]
-    found = f"{folder / 'rgb.png'} does not exist, but {', '.join(shown)} {'is' if len(others) == 1 else 'are'} there"
-    return InputError(found, f"if it is the photo, rename it to rgb{Path(others[0]).suffix.lower()}")
-
-
-def _has_stem_and_suffix(name: str, stems: tuple[str, ...], suffixes: tuple[str, ...]) -> bool:
-    path = Path(name.lower())
-    return path.stem in stems and path.suffix in suffixes
-
-
-def _is_point_cloud_name(name: str) -> bool:
-    path = Path(name.lower())
-    return path.suffix in clouds.SUFFIXES and path.stem not in NO_CLOUDS
-
-
-def _pick_single_name(names: list[str], folder: Path) -> str | None:
-    """The only name, ``None`` without any; raises InputError for several."""
-    if len(names) > 1:
-        remedy = "leave one of them"
-        raise InputError(f"{folder} holds {' and '.join(names[:4])}: which of them is meant cannot be told", remedy)
-    return names[0] if names else None
+    Raises:
+        InputError: a file named like the camera's is damaged, or the likeliest files state different cameras.
+    """
+    if hint.intrinsics is not None:
+        return camera_from_calibration(calibration_from_option(hint.intrinsics, size), size, unit, units)
+    for group in capture.cameras:
+        distinct: list[Calibration] = []
+        damaged: InputError | None = None
+        holder = group[0]
+        for path in group[:_MOST_CAMERA_FILES]:
+            if path == PurePath("camera.json"):
+                return read_camera_file(folder / path, unit, size, units)
+            try:
+                found = distinct_calibrations(read_values(folder / path), str(path))
+            except InputError as error:
+                damaged = damaged or error
+                continue
+            holder = path if found and not distinct else holder
+            distinct += [each for each in found if not any(each.is_same_camera(earlier) for earlier in distinct)]
+        if len(distinct) > 1:
+            distinct = [choose_calibration(distinct, size, str(folder))]
+            holder = PurePath(distinct[0].source.split(": ")[0])
+        if distinct:
+            return read_camera_file(folder / holder, unit, size, units)
+        if damaged is not None and is_camera_name(group[0]):
+            raise damaged
+    return None

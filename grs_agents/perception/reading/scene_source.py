@@ -3,10 +3,12 @@
 from pathlib import Path
 
 from grs_agents.base import content
+from grs_agents.base.config.schema import CameraConfig
 from grs_agents.base.errors import InputError, suggest_name
 from grs_agents.base.foreign.files import is_folder, path_exists
 from grs_agents.perception.reading import point_cloud
 from grs_agents.perception.reading.bop import PREFIX, is_bop_source, parse_bop_source, read_bop_image
+from grs_agents.perception.reading.capture import split_choice
 from grs_agents.perception.reading.frame_assembly import SceneRecording, assemble_frame
 from grs_agents.perception.reading.npz_archive import read_npz_archive
 from grs_agents.perception.reading.photo_without_depth import Estimator, assemble_frame_from_photo
@@ -16,8 +18,8 @@ from grs_agents.perception.reading.unread_formats import make_unread_format_erro
 from grs_agents.perception.types import RGBDFrame
 
 REMEDY = (
-    "name a folder with rgb.png, depth.png and camera.json, bop:ROOT/SPLIT/SCENE/IMAGE, an .npz, or a photo with a "
-    "depth tool"
+    "name a folder with a photo, its depth and its camera (FOLDER:NAME if it holds several), "
+    "bop:ROOT/SPLIT/SCENE/IMAGE, an .npz, or a photo with a depth tool"
 )
 
 
@@ -29,7 +31,7 @@ def check_scene_source(source: Path) -> None:
         raise InputError(f"the scene's name {str(source)!a} is not UTF-8", "rename it") from error
     if is_bop_source(source):
         parse_bop_source(source)
-    elif not is_folder(source):
+    elif not is_folder(split_choice(source)[0]):
         if not path_exists(source):
             samples = content.sample_scenes()
             remedy = f"{suggest_name(str(source), samples)}{REMEDY}; samples: {', '.join(samples)}"
@@ -42,29 +44,37 @@ def check_scene_source(source: Path) -> None:
 
 def resolve_scene_path(source: Path) -> Path:
     """The scene that a user names: an existing path, else the sample scene of that name."""
-    return source if is_bop_source(source) or path_exists(source) else content.sample_scenes().get(str(source), source)
+    known = is_bop_source(source) or path_exists(split_choice(source)[0])
+    return source if known else content.sample_scenes().get(str(source), source)
 
 
 def short_scene_name(source: Path) -> str:
     """A short name for the scene."""
     if is_bop_source(source):
         return "-".join(Path(str(source).removeprefix(PREFIX)).parts[-4:])
-    return source.resolve().stem if not is_folder(source) else source.resolve().name
+    is_file = not is_folder(split_choice(source)[0])
+    return source.resolve().stem if is_file else source.resolve().name
 
 
-def read_scene(source: Path, estimate: Estimator | None = None, field_of_view: float | None = None) -> RGBDFrame:
+def read_scene(
+    source: Path,
+    estimate: Estimator | None = None,
+    field_of_view: float | None = None,
+    camera: CameraConfig | None = None,
+) -> RGBDFrame:
     """Read and check a scene.
 
     Args:
-        source: folder, archive, photo or ``bop:`` image.
+        source: folder (with ``:NAME`` if it holds several pictures), archive, photo or ``bop:`` image.
         estimate: depth tool for a photo without depth.
         field_of_view: horizontal, degrees, of a photo without depth.
+        camera: the user's statements on the camera, which prevail over the scene's files.
 
     Raises:
         InputError: a file is missing or unreadable, sizes differ in shape, the camera is incomplete or not finite, too
             little was measured, or the depth is in another unit than the camera says.
     """
-    return finish_recording(read_recording(source), estimate, field_of_view)
+    return finish_recording(read_recording(source, camera), estimate, field_of_view)
 
 
 def finish_recording(recording: SceneRecording, estimate: Estimator | None, field_of_view: float | None) -> RGBDFrame:
@@ -76,13 +86,15 @@ def finish_recording(recording: SceneRecording, estimate: Estimator | None, fiel
     return assemble_frame_from_photo(recording, estimate, field_of_view)
 
 
-def read_recording(source: Path) -> SceneRecording:
+def read_recording(source: Path, camera: CameraConfig | None = None) -> SceneRecording:
     """The decoded files of a scene. Raises InputError as `read_scene`, for faults of a single file."""
     check_scene_source(source)
     if is_bop_source(source):
         return read_bop_image(source)
-    if is_folder(source):
-        return read_scene_folder(source)
+    folder, choice = split_choice(source)
+    if is_folder(folder):
+        return read_scene_folder(folder, choice, camera)
     if source.suffix.lower() == ".npz":
         return read_npz_archive(source)
-    return add_camera_to_recording(SceneRecording(source, read_color_picture(source)), source.parent / "camera.json")
+    recording = SceneRecording(source, read_color_picture(source))
+    return add_camera_to_recording(recording, source.parent / "camera.json", camera or CameraConfig())

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from grs_agents.base.config.schema import CameraConfig
 from grs_agents.perception.reading.frame_assembly import assemble_frame
 from grs_agents.perception.reading.masks import read_masks
 from grs_agents.perception.reading.scene_source import read_recording
@@ -22,7 +23,7 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
 
     def read_frame_or_photo() -> dict[str, Any]:
         """The frame; or the photo if it has no depth, which the host's depth tool estimates."""
-        recording = read_recording(source)
+        recording = read_recording(source, CameraConfig.model_validate(request.get("camera", {})))
         picture, camera = recording.picture, recording.camera
         if recording.measured is not None and camera is not None:
             frame = assemble_frame(recording, camera, recording.measured)

@@ -27,6 +27,8 @@ CHANGED: dict[str, Any] = {
     "prompts.task": "../secret",
     "segment.device": "cuda:0",
     "scene.table": "largest",
+    "camera.intrinsics": "realsense-d435",
+    "camera.rectified": True,
     "match.describe": "sheet",
     "segment.prompts": ["a mug"],
 }
@@ -79,7 +81,7 @@ def test_every_setting_is_on_one_side_on_purpose() -> None:
     sides = {key.partition(".")[0] for key in portable_settings()}
     assert sides == {
         *("graph", "policy", "seed", "robot", "max_fixes", "end_picture", "reply_retries", "tools", "scene"),
-        *("segment", "depth", "match", "background", "prompts", "audit", "author"),
+        *("segment", "depth", "camera", "match", "background", "prompts", "audit", "author"),
     }
     assert not {"sandbox", "workers", "record", "cassette", "limits", "models", "budget"} & sides
 
