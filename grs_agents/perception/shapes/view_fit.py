@@ -54,7 +54,11 @@ def compare_mesh_with_photo(crop: ObjectCrop, vertices: Array, faces: Faces) -> 
 
 def cost_of_mesh(crop: ObjectCrop, vertices: Array, faces: Faces) -> float:
     """Silhouette mismatch plus truncated depth residual of a mesh, both in pixels, as a share of the mask."""
-    drawn = crop.render_depth(vertices, faces)
+    return _cost_of_depth(crop, crop.render_depth(vertices, faces))
+
+
+def _cost_of_depth(crop: ObjectCrop, drawn: Array) -> float:
+    """`cost_of_mesh` of a shape's depth (h, w), m; 0 beside the shape."""
     shown, known = drawn > 0, crop.measured > 0
     hidden = ~crop.mask & known & shown & (crop.measured < drawn - DEFAULT.observation.nearer)
     off = np.minimum(np.abs(drawn - crop.measured)[shown & crop.mask & known] / CONFIG.far, 1.0)
@@ -65,18 +69,28 @@ def cost_of_mesh(crop: ObjectCrop, vertices: Array, faces: Faces) -> float:
 def fit_box(crop: ObjectCrop, size: tuple[float, float, float]) -> tuple[Array, Faces]:
     """The mesh of the upright box of least cost, starting from the measured box of ``size``, m."""
     small, radius = _reduce_crop(crop), float(np.hypot(*size[:2])) / 2
+    rays = small.lift(np.ones(small.mask.shape, np.float32)) - small.eye
 
-    def box(values: Array, grid: int) -> tuple[Array, Faces]:
+    def extents(values: Array) -> tuple[Array, Array, Array]:
+        """Center (3,), half lengths (3,) and rotation (3, 3) of the box."""
         low = np.array([*values[:2], 0.0])
         high = np.maximum(values[2:5], low + CONFIG.thinnest)
-        vertices, faces = box_mesh(to_vec3(high - low), (0.0, 0.0, high[2] / 2), grid)
         cosine, sine = np.cos(values[5] / radius), np.sin(values[5] / radius)
-        turned = vertices @ np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
-        return turned + np.array([*(low + high)[:2] / 2, 0.0]), faces
+        return (low + high) / 2, (high - low) / 2, np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]])
+
+    def cost(values: Array) -> float:
+        """Cost of the box as its rays meet it: the slab method (Kay and Kajiya 1986)."""
+        center, half, rotation = extents(values)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            inverse = 1 / (rays @ rotation)
+            middle, reach = (center - small.eye) @ rotation * inverse, half * np.abs(inverse)
+        enter, leave = (middle - reach).max(axis=2), (middle + reach).min(axis=2)
+        return _cost_of_depth(small, np.where((enter <= leave) & (enter > 0), enter, 0.0))
 
     measured = np.array([-size[0] / 2, -size[1] / 2, size[0] / 2, size[1] / 2, size[2], 0.0])
-    fitted = _search_lengths(measured, lambda values: cost_of_mesh(small, *box(values, 1)), CONFIG.box_steps)
-    return box(fitted.values, CONFIG.grid)
+    center, half, rotation = extents(_search_lengths(measured, cost, CONFIG.box_steps).values)
+    vertices, faces = box_mesh(to_vec3(2 * half), (0.0, 0.0, 0.0), CONFIG.grid)
+    return vertices @ rotation.T + center, faces
 
 
 def fit_turned_solid(crop: ObjectCrop, turned: TurnedSolid) -> TurnedSolid:
@@ -156,6 +170,7 @@ class _Fitted:
 def _search_lengths(start: Array, cost: Callable[[Array], float], steps: tuple[float, ...]) -> _Fitted:
     """Coordinate descent: each value moves by a step as long as the cost falls; then by the next, smaller step."""
     best = _Fitted(start, cost(start))
+    tried_before: set[tuple[int, ...]] = set()  # in tenths of a micrometre
     for step in steps:
         for _ in range(CONFIG.rounds):
             before = best.cost
@@ -163,6 +178,10 @@ def _search_lengths(start: Array, cost: Callable[[Array], float], steps: tuple[f
                 for move in (step, -step):
                     values = best.values.copy()
                     values[number] += move
+                    key = tuple(np.rint(values * 1e7).astype(int).tolist())
+                    if key in tried_before:
+                        continue
+                    tried_before.add(key)
                     tried = _Fitted(values, cost(values))
                     if tried.cost < best.cost:
                         best = tried
