@@ -33,7 +33,7 @@ from grs_agents.models.answer import Answer, ReplyProblem
 from grs_agents.models.call import invoke_with_retries
 from grs_agents.models.factory import is_offline, make_chat_model, make_retries
 
-if TYPE_CHECKING:  # LangChain takes long to import, and a check of programs may ask nobody
+if TYPE_CHECKING:  # LangChain takes long to import, and a check of programs may need no model
     from langchain_core.language_models.chat_models import BaseChatModel
     from langchain_core.messages import BaseMessage
 
@@ -49,9 +49,9 @@ class Agents:
     config: Config  # names the model, the prompt and the retries of each role
     log: EventLog
     folder: Path  # the run folder; images are given relative to it
-    # replies that were paid for before the run was interrupted
+    # paid replies from before the interruption of the run
     earlier: RecordedReplies = field(default_factory=RecordedReplies)
-    cassette: RecordedReplies | None = None  # a recorded run's replies, given instead of asking
+    cassette: RecordedReplies | None = None  # a recorded run's replies, used instead of the models
     _models: dict[str, "BaseChatModel"] = field(default_factory=dict[str, "BaseChatModel"])
     _lock: Lock = field(default_factory=Lock)
 
@@ -82,11 +82,11 @@ class Agents:
         """Ask ``role`` and parse its reply; a reply that does not parse is requested again, with the error.
 
         Args:
-            role: one of the agent roles.
+            role: an agent role.
             values: the prompt's variables.
             parse: raises ``ReplyError`` on a reply of the wrong form.
             images: picture files relative to the run folder, sent before the text in this order.
-            prompt_of: the role whose prompt is used, if another.
+            prompt_of: the role whose prompt is used, if not ``role``'s.
         """
         from langchain_core.messages import AIMessage, HumanMessage
 
@@ -120,9 +120,11 @@ class Agents:
         pictures: tuple[str, ...],
         ask: Callable[[], Answer] | None = None,
     ) -> tuple[str | None, str]:
-        """The text of the reply, or None and why there is none that can be used; pictures are in the first message.
+        """The reply to ``messages``, recorded or new; ``pictures`` are in the first message.
 
-        ``ask`` asks the model in another way than with the messages alone.
+        ``ask`` replaces the plain call of the model with the messages.
+
+        Returns: the text of the reply and an empty problem, or None and the problem.
         """
         digest, text = digest_prompt(role, messages, pictures), str(messages[-1].text)
         reply = self.earlier.take_reply(digest)
@@ -188,12 +190,12 @@ class Agents:
 
 
 def image_block_from_file(path: Path) -> dict[str, str]:
-    """A picture file as ``image_block_from_array`` makes it."""
+    """A picture file as an image block; see ``image_block_from_array``."""
     return image_block_from_array(read_picture(path, cv2.IMREAD_COLOR))
 
 
 def image_block_from_array(image: npt.NDArray[Any]) -> dict[str, str]:
-    """A picture (H, W, 3), blue first, as a standard LangChain image block: JPEG, its size as ``IMAGE_SIDES`` says."""
+    """A BGR picture (H, W, 3) as a standard LangChain image block: JPEG, scaled to the bounds ``IMAGE_SIDES``."""
     longest = max(image.shape[:2])
     scale = min(max(longest, IMAGE_SIDES[0]), IMAGE_SIDES[1]) / longest
     if scale != 1:

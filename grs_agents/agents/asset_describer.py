@@ -61,7 +61,7 @@ class DescriptionPlan:
     """Assets to describe, and the estimated cost."""
 
     todo: tuple[Asset, ...]
-    done: tuple[DescribedAsset, ...]  # those that were described before by the same model with the same prompt
+    done: tuple[DescribedAsset, ...]  # described before by the same model with the same prompt
     input_tokens: int  # about, for all of `todo`
     output_tokens: int
 
@@ -134,7 +134,7 @@ def describe_assets(
 
 
 def replace_asset_description(asset: Asset, words: AssetDescription) -> Asset:
-    """The asset with a model's words instead of its own; its size is added, since it is not in the pictures."""
+    """The asset with a model's description; its size is added, since the pictures do not show it."""
     x, y, z = (f"{100 * extent:.1f}" for extent in asset.size)
     text = f"{words.description.strip().rstrip('.')}, {x} x {y} x {z} cm"
     return asset.model_copy(update={"description": text, "color": words.color, "category": words.category.lower()})

@@ -11,18 +11,18 @@ from grs_agents.base.trace.log import read_events
 
 
 class BudgetReached(GrsError):
-    """The budget is used up: no model is asked any more, and the run ends with its results so far."""
+    """The budget is used up: no further model is called, and the run ends with its results so far."""
 
 
 def check_budget_left(budget: BudgetConfig, log: Path) -> None:
-    """Check that another call may be made; concurrent calls may pass a bound together.
+    """Check that the budget allows a further call; concurrent calls may pass a bound together.
 
     Args:
         budget: the bounds.
         log: the events of all attempts of the run.
 
     Raises:
-        BudgetReached: one of the bounds is used up.
+        BudgetReached: a bound is used up.
     """
     if budget == BudgetConfig():
         return

@@ -1,4 +1,4 @@
-"""The example programs, and the selection of those nearest to a task.
+"""The example programs, and the selection of the programs nearest to a task.
 
 An example is a simulation program in ``prompts/examples``. Its module docstring begins with its family, a colon and its
 subject: ``Stacking: a tower on a stand that lies anywhere``.
@@ -17,7 +17,7 @@ from grs_agents.base.errors import InputError
 from grs_agents.base.python_parsing import parse_python
 
 _PER_FAMILY = 2
-"""Most programs of a family among the chosen examples: a third shows little that is new."""
+"""Most programs of a family among the chosen examples: a third adds little."""
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
 _ENDINGS = ("ing", "ed", "es", "s", "e")
 _SHORTEST = 3
@@ -33,7 +33,7 @@ class Example(Frozen):
 
     @property
     def word_stem_counts(self) -> Counter[str]:
-        """Stems of the words it is described in: names, docstrings, sentences and assets, not the code."""
+        """Stems of the words in its names, docstrings, sentences and assets, without the code."""
         texts = [self.name]
         for node in ast.walk(parse_python(self.source)):
             if isinstance(node, ast.ClassDef):

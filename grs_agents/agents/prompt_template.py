@@ -16,19 +16,19 @@ _VARIABLE = re.compile(r"\{\{\s*([a-z_]+)\s*\}\}")
 
 
 class PromptTemplate(Frozen):
-    """A prompt file, taken apart."""
+    """A parsed prompt file."""
 
-    role: str  # the agent that is asked
+    role: str  # the agent that answers
     inputs: tuple[str, ...]  # exactly the variables of the text
     reply: ReplyForm  # form of the end of the reply: a JSON object, a Python program or a verdict
     text: str  # the prompt, with variables
 
 
 def render_prompt_template(file: Path, role: str, values: Mapping[str, str]) -> str:
-    """Fill the prompt in ``file`` in; inserted text is not scanned.
+    """Fill in the prompt in ``file``; inserted text is not scanned.
 
     Raises:
-        ConfigError: it is no prompt of ``role``, or its inputs are others than the role is given.
+        ConfigError: it is no prompt of ``role``, or its inputs differ from the role's.
     """
     template = read_prompt_template(file)
     if (template.role, set(template.inputs)) != (role, set(values)):
@@ -43,7 +43,7 @@ def read_prompt_template(file: Path) -> PromptTemplate:
     """Read a prompt file.
 
     Raises:
-        ConfigError: it has no front matter, or its text has other variables than the inputs that it declares.
+        ConfigError: it has no front matter, or its text's variables differ from the declared inputs.
     """
     content = file.read_text(encoding="utf-8")
     remedy = f"begin it with --- and the lines role: NAME, inputs: A, B, reply: {' | '.join(get_args(ReplyForm))}, ---"

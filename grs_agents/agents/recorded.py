@@ -54,7 +54,7 @@ def _sha256_of_json(value: object) -> str:
 
 
 class RecordedReplies:
-    """Replies by the digests of their prompts. Each is given out once, those to equal prompts in their order."""
+    """Replies by the digests of their prompts. Each is given out once; replies to equal prompts keep their order."""
 
     def __init__(self, exchanges: Iterable[tuple[str, Reply]] = (), tolerant: bool = False) -> None:
         self._waiting = list(exchanges)

@@ -48,7 +48,7 @@ _UNMARKED = re.compile(
 _LEADING_TOKENS = re.compile(r"\s*(?:<\|\w{1,40}\|>(?:assistant\b)?\s*)+")
 _TRAILING_TOKENS = re.compile(r"(?:\s*(?:<[|｜][\w▁]{1,40}[|｜]>|</s>|<eos>|<end_of_turn>))+\s*\Z")
 _SEARCHED_TAIL = 200
-"""Characters at the end of a reply that special tokens are looked for in."""
+"""Characters at the end of a reply that may hold special tokens."""
 _QUOTES = ("'", '"', "`")
 _BLANK_REST = re.compile(r"[ \t]*(?:\n|\Z)")
 _FENCE = re.compile(r"^(?P<indent>[ \t]*)(?P<run>`{3,}|~{3,})(?P<info>[^\n]*)$", re.MULTILINE)
@@ -56,7 +56,7 @@ _MOST_INDENT = 3
 """Most columns of indent of a closing fence beyond its opening fence; a deeper fence belongs to the code."""
 _LANGUAGE = re.compile(r"[\w+#.-]*\w")
 _LONGEST_LANGUAGE = 100
-"""Characters of an info string that its first word is looked for in."""
+"""Characters of an info string that may hold its first word."""
 _TOKEN = re.compile(
     r'"(?P<double>[^"\\]*(?:\\.[^"\\]*)*)"'
     r"|'(?P<single>[^'\\]*(?:\\.[^'\\]*)*)'"
@@ -89,13 +89,13 @@ def join_problems(problems: Sequence[str]) -> str:
 class JsonRow(Generic[Model]):
     """A JSON object of a reply."""
 
-    value: Any  # as it was written; None where it is no JSON
-    parsed: Model | None = None  # None where it has ``problems``
+    value: Any  # as written; None if it is no JSON
+    parsed: Model | None = None  # None if it has ``problems``
     problems: tuple[str, ...] = ()
 
     @property
     def number(self) -> Any:
-        """The ``id`` that it bears, if any."""
+        """Its ``id``, if any."""
         return cast("dict[str, Any]", self.value).get("id") if isinstance(self.value, dict) else None
 
 
@@ -104,8 +104,8 @@ class FencedBlock:
     """A block of code in a text."""
 
     language: str  # the first word of its info string, in lower case: ``python`` of ``{.Python title="a.py"}``
-    body: str  # as far as the text goes where no fence closes it
-    start: int  # where it begins and ends in the text, with its fences
+    body: str  # to the end of the text if no fence closes it
+    start: int  # begin and end in the text, fences included
     end: int
 
 
@@ -113,7 +113,7 @@ def parse_json(text: str, model: type[Model]) -> Model:
     """The JSON object of the type ``model`` in a fenced block, the last of several, or in the whole reply.
 
     Raises:
-        ReplyError: there is none, with all that is wrong with it.
+        ReplyError: there is none; the message lists all problems.
     """
     blocks = _read_blocks(text, model)
     whole = [rows[0].parsed for rows in blocks if len(rows) == 1 and rows[0].parsed is not None]
@@ -125,18 +125,10 @@ def parse_json(text: str, model: type[Model]) -> Model:
     raise ReplyError(join_problems(rows[0].problems))
 
 
-def parse_json_rows(text: str, model: type[Model]) -> list[Model]:
-    """Parse the JSON objects that ``read_json_rows`` finds. Raises ReplyError: an object is no ``model``."""
-    rows = read_json_rows(text, model)
-    if problems := list_problems(rows):
-        raise ReplyError(join_problems(problems))
-    return [row.parsed for row in rows if row.parsed is not None]
-
-
 def read_json_rows(text: str, model: type[Model]) -> list[JsonRow[Model]]:
     """Read the JSON objects of all fenced blocks with JSON, or of the whole reply: a sequence, or an array.
 
-    An object of a later block replaces that of an earlier block with the same ``id``.
+    An object of a later block replaces an object of an earlier block with the same ``id``.
 
     Raises:
         ReplyError: there is no JSON.
@@ -163,16 +155,21 @@ def list_problems(rows: Sequence[JsonRow[Any]]) -> list[str]:
 def extract_python_program(text: str, base: Literal["Task", "TestCase"] = "Task") -> str:
     """Extract the Python program from a reply.
 
-    Of several blocks, that which defines a class with this base is preferred, then a block tagged as Python, then a
-    block without a tag; of equal blocks the last. Syntax is left to the tests: a broken program is a version like any
-    other, with a traceback that the router reads.
+    Of several blocks, a block that defines a class with this base is preferred, then a block tagged as Python, then a
+    block without a tag; of equal blocks the last. The tests check the syntax: a broken program is a version with a
+    traceback that the router reads.
 
     Raises:
         ReplyError: no block, or an empty block.
     """
     text = _cut_to_answer(text)
-    if _is_python_source(text):
-        return text.rstrip() + "\n"
+    if "import" in text:
+        try:
+            parse_python(text)
+        except (SyntaxError, ValueError, RecursionError, MemoryError):  # MemoryError: too deeply nested
+            pass
+        else:
+            return text.rstrip() + "\n"
     defines = re.compile(rf"^[ \t]*class[ \t]+\w+[ \t]*\([^)\n]*\b\w*{base}\b", re.MULTILINE)
     ranked: list[tuple[int, FencedBlock]] = []
     for block in _find_fenced_blocks(text):
@@ -196,7 +193,7 @@ def parse_verdict(text: str) -> RouterReply:
     """Parse the verdict in the last block that holds a verdict (paper, Listing 3). Raises ReplyError: there is none."""
     text = _cut_to_answer(text)
     blocks = list(_find_fenced_blocks(text))
-    verdicts = [said for block in blocks if (said := block.body.strip().strip("\"'`").lower()) in _VERDICTS]
+    verdicts = [word for block in blocks if (word := block.body.strip().strip("\"'`").lower()) in _VERDICTS]
     if not verdicts:
         raise ReplyError("end with a fenced block that holds exactly one of the verdicts, e.g. fix_code or fix_test")
     starts, ends = [block.start for block in blocks], [block.end for block in blocks]
@@ -205,10 +202,23 @@ def parse_verdict(text: str) -> RouterReply:
 
 
 def _cut_to_answer(text: str) -> str:
-    """The answer after all thoughts. Raises ReplyError: it is empty, or far too long."""
+    """Remove thoughts and surrounding special tokens from ``text``; lines of the answer end in ``\\n``.
+
+    A mark of thoughts counts only outside of quotes and blocks of code. All text before an unmatched end mark is
+    thoughts, as is all text after an unmatched begin mark.
+
+    Raises:
+        ReplyError: the answer is empty, or the text far too long.
+    """
     if len(text) > _LONGEST:
         raise ReplyError(f"the reply has {len(text):,} characters; at most {_LONGEST:,} are read")
-    answer = _cut_thoughts(text)
+    answer = text.replace("\r\n", "\n").replace("\r", "\n")
+    if unmarked := _UNMARKED.match(answer):
+        answer = answer[unmarked.end() :]
+    answer = _cut_marked_thoughts(answer)
+    if leading := _LEADING_TOKENS.match(answer):
+        answer = answer[leading.end() :]
+    answer = answer[:-_SEARCHED_TAIL] + _TRAILING_TOKENS.sub("", answer[-_SEARCHED_TAIL:])
     if text.strip() and not answer.strip():
         raise ReplyError(f"the reply is thoughts alone, {len(text)} characters; answer after them")
     return answer
@@ -217,12 +227,12 @@ def _cut_to_answer(text: str) -> str:
 def _missing_block_error(text: str, language: str) -> ReplyError:
     if "```" in text or "~~~" in text:
         return ReplyError(f"found no block fenced with ```{language}")
-    said = " ".join(text.split())[:300]  # a refusal gives its reason here
-    return ReplyError(f"the reply has no block fenced with ```{language}; it says {said!r}")
+    words = " ".join(text.split())[:300]  # a refusal gives its reason here
+    return ReplyError(f"the reply has no block fenced with ```{language}; it says {words!r}")
 
 
 def _read_blocks(text: str, model: type[Model]) -> list[list[JsonRow[Model]]]:
-    """The objects of each block that has objects of the type ``model``, else those of the last block.
+    """The objects of each block that has objects of the type ``model``, else the last block's.
 
     Blocks tagged as JSON come before all others.
     """
@@ -248,7 +258,7 @@ def _read_blocks(text: str, model: type[Model]) -> list[list[JsonRow[Model]]]:
 
 
 def _is_meant(value: Any, model: type[BaseModel]) -> bool:
-    """Whether ``value`` is an object with at least a required key of ``model``, in any spelling."""
+    """True if ``value`` is an object with at least a required key of ``model``, in any spelling."""
     if not isinstance(value, dict):
         return False
     errors = _list_errors(value, model)
@@ -257,7 +267,18 @@ def _is_meant(value: Any, model: type[BaseModel]) -> bool:
 
 
 def _read_rows(body: str, model: type[Model]) -> list[JsonRow[Model]]:
-    values: list[Any] = list(_read_json_values(body))
+    """Read the JSON values in ``body``, in sequence; the items of an array count as separate values.
+
+    Text that is not strict JSON is read in a wider spelling, in which each text still has at most a single meaning. A
+    value that cannot be read is replaced by its error, and reading resumes at the next line that begins with an object.
+    """
+    try:
+        decoded = list(_decode_values(body))
+    except ValueError:
+        decoded = list(_decode_values(_spell_strictly(body), resume=True))
+    values: list[Any] = []
+    for value in decoded:
+        values += cast("list[Any]", value) if isinstance(value, list) else [value]
     if len(values) == 1 and isinstance(values[0], dict) and not _is_meant(values[0], model):
         # A wrapper like {"segments": [...]}: the objects under its only key
         inner: list[Any] = list(cast("dict[str, Any]", values[0]).values())
@@ -268,10 +289,17 @@ def _read_rows(body: str, model: type[Model]) -> list[JsonRow[Model]]:
     for value in values:
         if isinstance(value, ValueError):
             rows.append(JsonRow(None, None, (f"it is not JSON: {value}",)))
-        elif problems := [_describe_error(error) for error in _list_errors(value, model)]:
-            rows.append(JsonRow(value, None, tuple(problems)))
-        else:
-            rows.append(JsonRow(value, model.model_validate(value)))
+            continue
+        problems: list[str] = []
+        for error in _list_errors(value, model):
+            place = ".".join(str(part) for part in error["loc"]) or "the object"
+            if error["type"] == "missing":
+                problems.append(f"{place} is missing")
+            elif error["type"] == "model_type":
+                problems.append(f"{place} is no JSON object but {reprlib.repr(error['input'])}")
+            else:
+                problems.append(f"{place}: {error['msg']}, not {reprlib.repr(error['input'])}")
+        rows.append(JsonRow(value, None if problems else model.model_validate(value), tuple(problems)))
     return rows
 
 
@@ -283,44 +311,10 @@ def _list_errors(value: Any, model: type[BaseModel]) -> list[Any]:
     return []
 
 
-def _describe_error(error: Any) -> str:
-    where = ".".join(str(part) for part in error["loc"]) or "the object"
-    if error["type"] == "missing":
-        return f"{where} is missing"
-    if error["type"] == "model_type":
-        return f"{where} is no JSON object but {reprlib.repr(error['input'])}"
-    return f"{where}: {error['msg']}, not {reprlib.repr(error['input'])}"
-
-
-def _is_python_source(text: str) -> bool:
-    if "import" not in text:
-        return False
-    try:
-        parse_python(text)
-    except (SyntaxError, ValueError, RecursionError, MemoryError):  # the last is the parser's word for too deep
-        return False
-    return True
-
-
-def _cut_thoughts(text: str) -> str:
-    """Remove thoughts and surrounding special tokens from ``text``; lines end in ``\\n``.
-
-    A mark of thoughts counts only outside of quotes and blocks of code. All text before an unmatched end mark is
-    thoughts, as is all text after an unmatched begin mark.
-    """
-    text = text.replace("\r\n", "\n").replace("\r", "\n")
-    if unmarked := _UNMARKED.match(text):
-        text = text[unmarked.end() :]
-    kept = _cut_marked_thoughts(text)
-    if leading := _LEADING_TOKENS.match(kept):
-        kept = kept[leading.end() :]
-    return kept[:-_SEARCHED_TAIL] + _TRAILING_TOKENS.sub("", kept[-_SEARCHED_TAIL:])
-
-
 def _cut_marked_thoughts(text: str) -> str:
     kept: list[str] = []
-    start = depth = last_close = 0  # of the answer; of nested thoughts; where the last end of them lies
-    fence = ""  # opening fence of the block of code that the answer is in
+    start = depth = last_close = 0  # begin of the answer; nesting of thoughts; position of their last end mark
+    fence = ""  # opening fence of the block of code around the answer
     fences_left = sum(1 for mark in _THOUGHT_MARK.finditer(text) if mark["fence"])
     end, blank, odd_quotes = 0, True, False  # of the last mark; of the line before the next mark
     for mark in _THOUGHT_MARK.finditer(text):
@@ -331,7 +325,11 @@ def _cut_marked_thoughts(text: str) -> str:
         odd_quotes = (odd_quotes and not new_line) != bool(quotes % 2)
         end = mark.end()
         if mark["fence"]:
-            blank, fences_left, fence = False, fences_left - 1, _follow_fence(fence, mark["fence"], mark["info"])
+            blank, fences_left = False, fences_left - 1
+            if not fence:
+                fence = "" if "`" in mark["fence"] and "`" in mark["info"] else mark["fence"]
+            elif mark["fence"].startswith(fence) and not mark["info"].strip():
+                fence = ""
             continue
         quoted = text[end : end + 1] in _QUOTES and text[mark.start() - 1 : mark.start()] == text[end : end + 1]
         if quoted or (odd_quotes and not blank and not depth):
@@ -353,16 +351,9 @@ def _cut_marked_thoughts(text: str) -> str:
             start, fence = end, ""
     if not depth:
         kept.append(text[start:])
-    elif last_close:  # a beginning that was written twice
+    elif last_close:  # a begin mark was written twice
         kept.append(_cut_marked_thoughts(text[last_close:]))
     return "".join(kept)
-
-
-def _follow_fence(opened: str, run: str, info: str) -> str:
-    """Opening fence of the block of code after a fence; empty outside of all blocks."""
-    if opened:
-        return "" if run.startswith(opened) and not info.strip() else opened
-    return "" if "`" in run and "`" in info else run
 
 
 def _find_fenced_blocks(text: str) -> Iterator[FencedBlock]:
@@ -403,26 +394,16 @@ def _count_columns(indent: str) -> int:
     return len(indent.expandtabs(4))
 
 
-def _read_json_values(text: str) -> Iterator[Any | ValueError]:
-    """Read the JSON values in ``text``, in sequence; the items of an array count as values of their own.
-
-    Text that is not strict JSON is read in a wider spelling, in which each text still has at most a single meaning. A
-    value that cannot be read is replaced by its error, and reading resumes at the next line that begins with an object.
-    """
-    try:
-        values = list(_decode_values(text))
-    except ValueError:
-        values = list(_decode_values(_spell_strictly(text), resume=True))
-    for value in values:
-        yield from value if isinstance(value, list) else [value]
-
-
 def _decode_values(text: str, resume: bool = False) -> Iterator[Any]:
-    """The values in ``text``. Raises ValueError at the first that cannot be read, unless it may ``resume`` after it."""
+    """The values in ``text``. Raises ValueError at the first unreadable value; with ``resume`` yields the error."""
     decoder = json.JSONDecoder(strict=False)  # a line break in a string is unambiguous
     separators = re.compile(r"[\s,;\]]*" if resume else r"[\s,]*")
     position, failures = 0, 0
-    while (position := _end_of_match(separators, text, position)) < len(text):
+    while True:
+        separator = separators.match(text, position)
+        position = separator.end() if separator else position
+        if position == len(text):
+            return
         try:
             value, end = decoder.raw_decode(text, position)
             json.dumps(value, ensure_ascii=False).encode()  # refuses half a surrogate pair, which no file can hold
@@ -434,9 +415,9 @@ def _decode_values(text: str, resume: bool = False) -> Iterator[Any]:
             if text[position] == "[" and failures < _MOST_FAILURES:  # read its items separately
                 position += 1
                 continue
-            said, at = (error.msg, error.pos) if isinstance(error, json.JSONDecodeError) else (str(error), position)
+            reason, at = (error.msg, error.pos) if isinstance(error, json.JSONDecodeError) else (str(error), position)
             rest = text[at : at + _SHOWN].partition("\n")[0]
-            yield ValueError(f"{said} at {rest!r}" if rest else f"{said} at the end of a line")
+            yield ValueError(f"{reason} at {rest!r}" if rest else f"{reason} at the end of a line")
             following = _NEXT_OBJECT.search(text, position)
             if following is None or failures == _MOST_FAILURES:
                 return
@@ -446,15 +427,10 @@ def _decode_values(text: str, resume: bool = False) -> Iterator[Any]:
             position = end
 
 
-def _end_of_match(pattern: re.Pattern[str], text: str, position: int) -> int:
-    match = pattern.match(text, position)
-    return match.end() if match else position
-
-
 def _spell_strictly(text: str) -> str:
     """Convert the known tokens of ``text`` to strict JSON; unknown tokens stay as they are."""
     written: list[str] = []
-    comma = -1  # where the last comma stands that nothing but space follows
+    comma = -1  # index of a trailing comma, followed by nothing but space
     for token in _TOKEN.finditer(text):
         if token["unclosed"]:
             return "".join(written) + text[token.start() :]

@@ -123,7 +123,7 @@ def author_simulation(
     role: Literal["simulation", "rival"] = "simulation",
     calling: ToolCalling | None = None,
 ) -> str | NoReply:
-    """Write the simulation program. ``role`` says whose model does, ``calling`` which tools it may call before."""
+    """Write the simulation program with the model of ``role``, which may first call the tools of ``calling``."""
     values = {"task": to_json_text(task.as_json()), "scene": to_json_text(scene), "api": api, "examples": examples}
     if calling is not None:
         from grs_agents.agents.tool_calling import ask_with_tools  # takes long to import
@@ -152,7 +152,7 @@ class JudgedPrograms:
     explanation: str = ""  # the router's, for a fixer
 
     def as_prompt_values(self, *names: str, **more: str) -> dict[str, str]:
-        """The variables of a prompt: those of ``names`` that all have, and ``more``."""
+        """The variables of a prompt: the common variables ``names``, and ``more``."""
         values = {
             "task": to_json_text(self.task.as_json()),
             "scene": self.scene,
@@ -271,7 +271,7 @@ def _name_assets_exactly(task: Task, names: Mapping[str, str]) -> Task:
 
 
 def to_json_text(value: Json) -> str:
-    """``value`` as compact JSON, but for the items of its lists of objects: each has a line of its own."""
+    """``value`` as compact JSON; each item of its lists of objects has a separate line."""
     fields: list[str] = []
     for key, item in value.items():
         text = _compact_json(item)

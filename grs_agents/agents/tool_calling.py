@@ -40,7 +40,7 @@ _UNUSABLE = "(no usable reply)"
 
 
 class StepsUsedUp(GrsError):
-    """The model goes on calling tools although it has no calls left."""
+    """The model keeps calling tools without calls left."""
 
 
 def ask_with_tools(
@@ -105,7 +105,7 @@ class LoggedToolModel(BaseChatModel):
     def bind_tools(
         self, tools: Sequence[Any], *, tool_choice: str | None = None, **kwargs: Any
     ) -> Runnable[LanguageModelInput, AIMessage]:
-        """The same, whose model knows the tools. Raises ConfigError: it cannot call any."""
+        """A copy whose model knows the tools. Raises ConfigError: the model cannot call tools."""
         agents = cast(Agents, self.agents)
         try:
             bound = agents.chat_model_for_role(self.role).bind_tools(tools, tool_choice=tool_choice, **kwargs)

@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo, field_v
 from grs_agents.base import Frozen
 
 Verdict = Literal["fix_code", "fix_test", "fix_task"]
-"""The router's two answers, spelt as in the paper, and a third: the task cannot be done as it is defined."""
+"""The router's two answers in the paper's spelling, and ``fix_task``: the task cannot be done as defined."""
 ToolFunction = Callable[..., str | list[Any]]
 """A tool of a model: it returns words, or content blocks such as a picture."""
 
@@ -62,7 +62,7 @@ class ModelReply(Frozen):
 
     @classmethod
     def fill_missing_words(cls, table: dict[Any, Any]) -> dict[Any, Any]:
-        """Fill in fields of ``table`` that follow from others."""
+        """Fill in fields of ``table`` that follow from its other fields."""
         return table
 
     @field_validator("*", mode="before")
@@ -86,9 +86,9 @@ class Description(ModelReply):
     color: str
     shape: str
     category: str
-    # the segment that shows the rest of the object of which this is a piece
+    # the segment that shows the rest of the same object
     part_of: Annotated[int | None, BeforeValidator(_read_segment_number)] = None
-    # open at the top, so that things can be put into it; None where nobody says so
+    # open at the top, so that objects can be put into it; None if unknown
     open_top: Annotated[bool | None, BeforeValidator(_read_unknown_word)] = None
 
 
@@ -103,7 +103,7 @@ class SegmentReply(Description):
         if str(table.get("is_object")).lower() not in ("false", "no", "0"):
             return table
         words = {"description": "no object", "color": "", "shape": "", "category": ""}
-        return {**words, **{key: said for key, said in table.items() if key not in words or said not in (None, "")}}
+        return {**words, **{key: text for key, text in table.items() if key not in words or text not in (None, "")}}
 
 
 class Match(ModelReply):
@@ -141,7 +141,7 @@ class TaskDefinition(ModelReply):
         return self.model_dump(mode="json")
 
     def __getitem__(self, key: str) -> Any:
-        """A field by its name in JSON, as when states held JSON (``state["task"]["task-name"]``): for one release."""
+        """A field by its name in JSON (``state["task"]["task-name"]``); deprecated: earlier states held JSON."""
         return self.as_json()[key]
 
 
@@ -163,9 +163,9 @@ class RouterReply(Frozen):
 
 
 class WordsJudgement(ModelReply):
-    """The judge's verdict whether a task's words agree with its goals."""
+    """The judge's verdict on the agreement of a task's words with its goals."""
 
-    # ``unclear``: the judge does not understand the words, or they may mean something else too
+    # ``unclear``: the judge does not understand the words, or they are ambiguous
     verdict: Literal["agrees", "differs", "unclear"]
     reason: str = Field(min_length=1)
 
@@ -174,7 +174,7 @@ class NoReply(Frozen):
     """A role whose model gave no usable reply: an outcome, not an exception."""
 
     role: str
-    tries: int  # how many replies were refused
+    tries: int  # number of refused replies
     problem: str  # of the last reply
 
     def __str__(self) -> str:

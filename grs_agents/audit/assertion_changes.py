@@ -20,31 +20,25 @@ def find_changed_assertions(old: str, new: str) -> tuple[str, ...]:
         before, after = _count_assertions(old), _count_assertions(new)
     except (SyntaxError, ValueError):
         return ()
-    gone, come = list((before - after).elements()), list((after - before).elements())
-    return tuple([f"- {text}" for text in gone[:MOST]] + [f"+ {text}" for text in come[:MOST] if gone])
+    removed, added = list((before - after).elements()), list((after - before).elements())
+    return tuple([f"- {text}" for text in removed[:MOST]] + [f"+ {text}" for text in added[:MOST] if removed])
 
 
 def _count_assertions(source: str) -> Counter[str]:
-    statements = [node for node in ast.walk(parse_python(source)) if isinstance(node, ast.Assert | ast.Expr)]
-    return Counter(text[:_LONGEST] for text in map(_describe_assertion, statements) if text)
-
-
-def _describe_assertion(statement: ast.Assert | ast.Expr) -> str:
-    """Text of an assertion without its message; empty for any other statement."""
-    if isinstance(statement, ast.Assert):
-        return f"assert {ast.unparse(statement.test)}"
-    call = statement.value
-    if not isinstance(call, ast.Call) or not isinstance(call.func, ast.Attribute):
-        return ""
-    if not call.func.attr.startswith("assert"):
-        return ""
-    said = [
-        *call.args[:1],
-        *(
-            part
-            for part in call.args[1:]
-            if not (isinstance(part, ast.JoinedStr) or (isinstance(part, ast.Constant) and isinstance(part.value, str)))
-        ),
-    ]
-    kept = [word for word in call.keywords if word.arg != "msg"]
-    return ast.unparse(ast.Call(ast.Name(call.func.attr, ast.Load()), said, kept))
+    """Count assertions by their text without the message."""
+    texts: list[str] = []
+    for statement in ast.walk(parse_python(source)):
+        if isinstance(statement, ast.Assert):
+            texts.append(f"assert {ast.unparse(statement.test)}")
+        if not isinstance(statement, ast.Expr) or not isinstance(statement.value, ast.Call):
+            continue
+        call = statement.value
+        if isinstance(call.func, ast.Attribute) and call.func.attr.startswith("assert"):
+            arguments = call.args[:1]
+            for part in call.args[1:]:
+                plain_text = isinstance(part, ast.Constant) and isinstance(part.value, str)
+                if not plain_text and not isinstance(part, ast.JoinedStr):
+                    arguments.append(part)
+            keywords = [word for word in call.keywords if word.arg != "msg"]
+            texts.append(ast.unparse(ast.Call(ast.Name(call.func.attr, ast.Load()), arguments, keywords)))
+    return Counter(text[:_LONGEST] for text in texts)

@@ -39,14 +39,14 @@ def audit_task(
     """Judge a task by its instances and episodes, which trusted code measured.
 
     Args:
-        instances: the validated task instances, one for each seed that gave one and gave it twice.
-        failures: one line for each seed that gave none, or whose rollout failed.
+        instances: validated task instance of each seed that gave the same instance twice.
+        failures: a line for each seed without an instance, or with a failed rollout.
         rollouts: the trusted oracle's runs of the instances.
         config: the bounds.
-        library: tells fixtures from things that must be in the photo.
-        task: the definition the program must keep to; ``None`` for a program without one.
-        scene: the photo the program must keep to; ``None`` for a program without one.
-        original: the definition before the task was revised; ``None`` for one that was not.
+        library: tells fixtures from objects that must be in the photo.
+        task: the definition that the program must keep to; ``None`` for a program without a definition.
+        scene: the photo that the program must keep to; ``None`` for a program without a photo.
+        original: the definition before the task was revised; ``None`` for an unrevised task.
     """
     findings = [
         check_all_seeds_instantiate(instances, failures, config),
@@ -78,8 +78,8 @@ def audit_task(
 
 
 def check_report_of_unforeseen_seeds(seeds: Sequence[int], drawn: int, report: AuditReport) -> AuditFinding:
-    """The finding ``unforeseen``: ``report`` is about the instances of ``seeds``, some of those ``drawn`` that no
-    program could know."""
+    """The finding ``unforeseen``: ``report`` is about the instances of ``seeds``, a part of the ``drawn`` unforeseen
+    seeds."""
     failed = [finding for finding in report.findings if not finding.passed and finding.check not in _ABOUT_SEVERAL]
     audited = f"seed{'s' * (len(seeds) > 1)} {', '.join(map(str, seeds))}"
     return AuditFinding(
@@ -248,9 +248,9 @@ def check_revision_keeps_objects(
     """The finding ``revision``: at least half of the objects that the photo shows, and two of two or more, are kept."""
     shown = {item.asset for item in scene.objects} if scene is not None else set(original.assets)
     before = set(original.assets) & shown
-    gone = sorted(before - set(task.assets))
-    kept, least = len(before) - len(gone), max(min(2, len(before)), -(-len(before) // 2))
+    removed = sorted(before - set(task.assets))
+    kept, least = len(before) - len(removed), max(min(2, len(before)), -(-len(before) // 2))
     measured = f"the revised task keeps {kept} of {len(before)} objects"
-    if gone:
-        measured += f"; gone: {', '.join(gone)}"
+    if removed:
+        measured += f"; gone: {', '.join(removed)}"
     return AuditFinding(check="revision", passed=kept >= least, measured=measured, bound=f"at least {least} must stay")

@@ -2,7 +2,7 @@
 moves are long and tolerate an inaccurate hand."""
 
 import math
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 from typing import Final
 
@@ -86,7 +86,7 @@ def asset_with_id(instance: TaskInstance, number: int) -> str:
 def check_objects_have_goals(
     pairs: Sequence[tuple[TaskInstance, Rollout]], library: Library, scene: SceneDescription
 ) -> AuditFinding:
-    """Every object that a task adds to a photo has a purpose, since unused objects stand there as bystanders anyway.
+    """Every object that a task adds to a photo has a purpose, since unused objects are bystanders anyway.
 
     An asset that the photo shows needs a goal even if the program adds it as fixed.
     """
@@ -94,7 +94,19 @@ def check_objects_have_goals(
     without: list[str] = []
     for instance, rollout in pairs:
         needed = {item.id for item in instance.task_objects if item.asset in shown or is_movable_object(item, library)}
-        needed |= _find_unused_fixed_objects(instance, rollout, library, shown)
+        # An added fixed object needs a goal, too, if no object of the photo starts, ends or is to end over it.
+        shown_ids = [item.id for item in instance.task_objects if item.asset in shown]
+        places = [
+            poses[number][0] for poses in (rollout.initial, rollout.final) for number in shown_ids if number in poses
+        ]
+        for goal in instance.goals:
+            places += [pose[0] for pose in (*goal.targets, *(zone.pose for zone in goal.zones))]
+        points = np.array([place[:2] for place in places]).reshape(-1, 2)
+        for item in instance.task_objects:
+            if item.asset not in shown and item.asset in library:
+                outline = object_prism_at_pose(load_object_model(item, library), item.pose, item.id).outline
+                if not (margins_inside_outline(_ORIGIN, outline, points) >= -MOVE).any():
+                    needed.add(item.id)
         mentioned = {number for goal in instance.goals for number in goal.mentioned_object_ids}
         without += [
             f"no goal speaks of {asset_with_id(instance, number)}"
@@ -106,24 +118,8 @@ def check_objects_have_goals(
     return AuditFinding.from_fault_list("objects_have_goals", without, otherwise, bound)
 
 
-def _find_unused_fixed_objects(instance: TaskInstance, rollout: Rollout, library: Library, shown: Set[str]) -> set[int]:
-    """Fixed objects added by the task, over which no object of the task starts or ends, nor is to end."""
-    shown_ids = [item.id for item in instance.task_objects if item.asset in shown]
-    places = [poses[number][0] for poses in (rollout.initial, rollout.final) for number in shown_ids if number in poses]
-    for goal in instance.goals:
-        places += [pose[0] for pose in (*goal.targets, *(zone.pose for zone in goal.zones))]
-    points = np.array([place[:2] for place in places]).reshape(-1, 2)
-    unused: set[int] = set()
-    for item in instance.task_objects:
-        if item.asset not in shown and item.asset in library:
-            outline = object_prism_at_pose(load_object_model(item, library), item.pose, item.id).outline
-            if not (margins_inside_outline(_ORIGIN, outline, points) >= -MOVE).any():
-                unused.add(item.id)
-    return unused
-
-
 def is_movable_object(item: InstanceObject, library: Library) -> bool:
-    """Whether an object is movable: neither fixed nor a mark."""
+    """True for an object that is neither fixed nor a mark."""
     known = item.asset in library
     return item.category != "fixed" and known and bool(library.load_object_model(item.asset).colliders)
 
@@ -151,12 +147,22 @@ def check_goals_open_at_start(instances: Sequence[TaskInstance], rollouts: Seque
 
 
 def check_goal_area_is_limited(instances: Sequence[TaskInstance], library: Library) -> AuditFinding:
-    """The finding ``goals_narrow``: share of the table on which a goal holds."""
-    shares = [
-        (_table_share_satisfying_goal(goal, instance, library), index + 1)
-        for instance in instances
-        for index, goal in enumerate(instance.goals)
-    ]
+    """The finding ``goals_narrow``: share of the table on which a goal holds, from its targets, zones and distances."""
+    shares: list[tuple[float, int]] = []  # 0..1, and the goal's number
+    for instance in instances:
+        for index, goal in enumerate(instance.goals, 1):
+            area = 0.0
+            if goal.metric == "pose":
+                area = len({target[0][:2] for target in goal.targets}) * math.pi * instance.pos_eps**2
+            elif goal.metric == "zone":
+                area = sum(zone.size[0] * zone.size[1] for zone in goal.zones)
+            elif goal.relation_kind in ("near", "in_zone"):
+                item = next(item for item in instance.objects if item.id == goal.reference_id)
+                shapes = library.load_filled_template(item.asset, item.fill) if item.fill else None
+                size = (shapes or library.load_object_model(item.asset)).size if item.asset in library else (0.0, 0.0)
+                around = 2 * goal.required_distance if goal.required_distance is not None else 0.0
+                area = (size[0] + around) * (size[1] + around)
+            shares.append((min(1.0, area / WORKSPACE), index))
     widest, index = max(shares, default=(0.0, 0))
     return AuditFinding(
         check="goals_narrow",
@@ -166,84 +172,43 @@ def check_goal_area_is_limited(instances: Sequence[TaskInstance], library: Libra
     )
 
 
-def _table_share_satisfying_goal(goal: Goal, instance: TaskInstance, library: Library) -> float:
-    """On how much of the table an object of a goal may lie, as the goal's targets, zones and distances say; 0..1."""
-    if goal.metric == "pose":
-        area = len({target[0][:2] for target in goal.targets}) * math.pi * instance.pos_eps**2
-    elif goal.metric == "zone":
-        area = sum(zone.size[0] * zone.size[1] for zone in goal.zones)
-    elif goal.relation_kind in ("near", "in_zone"):
-        item = next(item for item in instance.objects if item.id == goal.reference_id)
-        shapes = library.load_filled_template(item.asset, item.fill) if item.fill else None
-        size = (shapes or library.load_object_model(item.asset)).size if item.asset in library else (0.0, 0.0)
-        around = 2 * goal.required_distance if goal.required_distance is not None else 0.0
-        area = (size[0] + around) * (size[1] + around)
-    else:
-        area = 0.0
-    return min(1.0, area / WORKSPACE)
-
-
 def check_objects_move_far_enough(pairs: Sequence[tuple[TaskInstance, Rollout]], library: Library) -> AuditFinding:
-    """The finding ``moves_far``: the oracle moves or turns every object visibly, and no nudge would do."""
-    short = [
-        f"goal {index + 1} moves {asset_with_id(instance, number)} by {away * 100:.1f} cm"
-        for instance, rollout in pairs
-        if rollout.episode.outcome == "success"
-        for index, goal in enumerate(instance.goals)
-        for number, away in _find_short_moves(goal, rollout)
-    ]
-    short += [
-        f"goal {index + 1} would hold if {asset_with_id(instance, number)} were moved by {max(0.0, least) * 100:.1f} cm"
-        for instance, rollout in pairs
-        if rollout.episode.outcome == "success"
-        for index in range(len(instance.goals))
-        for number, least in _find_short_required_moves(index, instance, rollout, library)
-    ]
+    """The finding ``moves_far``: the oracle moves or turns every object visibly, and no nudge would do.
+
+    The objects in ``MAY_STAY`` may be moved too little. A nudge that meets a goal of an object counts in its last goal.
+    """
+    short: list[str] = []
+    nudged: list[str] = []
+    for instance, rollout in pairs:
+        if rollout.episode.outcome != "success":
+            continue
+        for index, goal in enumerate(instance.goals, 1):
+            later = {number for later_goal in instance.goals[index:] for number in later_goal.objects}
+            moves: list[tuple[int, float]] = []  # id and metres of the objects that moved too little
+            for row, number in enumerate(goal.objects):
+                if number not in rollout.final:
+                    continue
+                start, end = rollout.initial[number], rollout.final[number]
+                asks_yaw = goal.metric == "pose" and goal.rotations and goal.symmetries[row] > 0
+                turned = goal.relation_kind == "upright" or asks_yaw
+                turned = turned and transforms.angle_between(start[1], end[1]) >= TURN
+                way = math.dist(start[0], end[0])
+                if way < MOVE and not turned:
+                    moves.append((number, way))
+                if number in later:
+                    continue
+                least = _measure_least_move(goal, row, instance, rollout, library)
+                if least < NUDGE and not turned:
+                    name = asset_with_id(instance, number)
+                    nudged.append(f"goal {index} would hold if {name} were moved by {max(0.0, least) * 100:.1f} cm")
+            for number, way in sorted(moves, key=lambda move: move[1])[MAY_STAY.get(goal.relation_kind or "", 0) :]:
+                short.append(f"goal {index} moves {asset_with_id(instance, number)} by {way * 100:.1f} cm")
+    short += nudged
     bound = f"an object must be moved by {MOVE * 100:.0f} cm, its goal not hold {NUDGE * 100:.0f} cm from its start, "
     bound += f"or it be turned by {math.degrees(TURN):.0f} degrees where its goal asks for a yaw"
     faults = short if pairs else ["there is no episode"]
     otherwise = "the oracle moves the objects of every goal farther"
     return AuditFinding.from_fault_list("moves_far", faults, otherwise, bound)
-
-
-def _find_short_moves(goal: Goal, rollout: Rollout) -> list[tuple[int, float]]:
-    """(id, metres) of the objects of a goal that moved too little; those that need not move at all are left out.
-
-    A stack's lowest object may stay, and two of a line.
-    """
-    may_stay = MAY_STAY.get(goal.relation_kind or "", 0)
-    short: list[tuple[int, float]] = []
-    for row, number in enumerate(goal.objects):
-        if number not in rollout.final:
-            continue
-        start, end = rollout.initial[number], rollout.final[number]
-        away = math.dist(start[0], end[0])
-        if away < MOVE and not _is_turned_as_asked(goal, row, rollout):
-            short.append((number, away))
-    return sorted(short, key=lambda move: move[1])[may_stay:]
-
-
-def _is_turned_as_asked(goal: Goal, row: int, rollout: Rollout) -> bool:
-    """Whether the oracle turned an object by ``TURN`` or more, if its goal asks for a yaw."""
-    wants_turn = goal.relation_kind == "upright" or (
-        goal.metric == "pose" and goal.rotations and goal.symmetries[row] > 0
-    )
-    number = goal.objects[row]
-    return wants_turn and transforms.angle_between(rollout.initial[number][1], rollout.final[number][1]) >= TURN
-
-
-def _find_short_required_moves(
-    index: int, instance: TaskInstance, rollout: Rollout, library: Library
-) -> list[tuple[int, float]]:
-    """(id, metres) of the objects of a goal that a nudge would bring to it; an object of several goals counts in the
-    last."""
-    goal, later = instance.goals[index], instance.goals[index + 1 :]
-    spoken_of = {number for later_goal in later for number in later_goal.objects}
-    rows = [row for row, number in enumerate(goal.objects) if number not in spoken_of and number in rollout.final]
-    needed = [(row, _measure_least_move(goal, row, instance, rollout, library)) for row in rows]
-    return [
-        (goal.objects[row], way) for row, way in needed if way < NUDGE and not _is_turned_as_asked(goal, row, rollout)
-    ]
 
 
 def check_fair_rewards(instances: Sequence[TaskInstance]) -> AuditFinding:

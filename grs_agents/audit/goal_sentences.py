@@ -38,9 +38,9 @@ _RESTING: Final = 0.015
 _SAME_PLACE: Final = 0.02
 """Horizontal distance (m) within which two centres are at the same place."""
 _SEEN: Final = 0.01
-"""Metres from which on people see that something moved."""
+"""Least displacement (m) that people see."""
 _TURNED: Final = 10
-"""And degrees from which on they see that it turned."""
+"""Least turn (degrees) that people see."""
 _DEEP: Final = 0.02
 """Height of walls (m) from which objects lie in a container rather than on it, as on a plate."""
 _POINT: Final = np.zeros((1, 2))
@@ -100,8 +100,19 @@ class _Table:
 
     @cached_property
     def names(self) -> dict[int, str]:
-        """Name and number of each object, by id."""
-        return {item.id: f"the {self._everyday_object_name(item)} #{item.id}" for item in self.instance.objects}
+        """Everyday name and number of each object by id, e.g. ``the tomato sauce can #4`` or ``the red block #5``."""
+        names: dict[int, str] = {}
+        for item in self.instance.objects:
+            category, color, _ = self._find_category_color_and_description(item)
+            asset, (folder, _, file) = self.library.asset(item.asset), item.asset.rpartition("/")
+            if folder in ("block", "proxy", "zone") or asset.template or not asset.everyday:
+                name = f"{color} {'block' if folder == 'block' else category}"
+            else:
+                name = re.sub(r"(?<=[a-z])(?=[A-Z])|[_-]", " ", file.removesuffix(".urdf")).lower()
+                if category not in name.split():
+                    name = f"{name} {category}"
+            names[item.id] = f"the {name} #{item.id}"
+        return names
 
     @cached_property
     def start(self) -> dict[int, Prism]:
@@ -110,17 +121,17 @@ class _Table:
 
     @cached_property
     def end(self) -> dict[int, Prism]:
-        """And at the end."""
+        """The prism around each object at the end."""
         return self._compute_prism_per_object(self.rollout.final)
 
     @cached_property
     def hollow(self) -> set[int]:
-        """Ids of the objects that others can be put in or on."""
+        """Ids of the objects in or on which others can be put."""
         return {item.id for item in self.instance.objects if self.library.asset(item.asset).hollow}
 
     @cached_property
     def walled(self) -> set[int]:
-        """The objects whose walls surround something."""
+        """Ids of the hollow objects with walls at least ``_DEEP`` high."""
         return {
             item.id
             for item in self.instance.objects
@@ -144,19 +155,15 @@ class _Table:
     def _find_category_color_and_description(self, item: InstanceObject) -> tuple[str, str, str]:
         """Category, colour and description of an object, from the photo if it is in it, else from the library."""
         asset, seen = self.library.asset(item.asset), self._find_matching_photo_object(item)
-        color = _color_name_set_by_program(item) or (seen.color if seen else asset.color)
+        color = seen.color if seen else asset.color
+        rgb = item.color or tuple(float(value) for value in item.fill.get("COLOR", ()) if not isinstance(value, str))
+        if len(rgb) >= 3:  # the program set it
+            named = min(utils.COLORS, key=lambda name: math.dist(utils.COLORS[name], rgb[:3]))
+            exact = math.dist(utils.COLORS[named], rgb[:3]) < 0.02
+            color = named if exact else color_name_from_rgb((rgb[0], rgb[1], rgb[2]))
         if seen is None or item.asset.startswith("proxy/"):
             return (seen.category if seen else asset.category), color, seen.description if seen else asset.description
         return seen.category, color, f"{seen.description}; {asset.description}"
-
-    def _everyday_object_name(self, item: InstanceObject) -> str:
-        """Everyday name of an object, e.g. ``tomato sauce can``, ``green zone`` or ``red block``."""
-        category, color, _ = self._find_category_color_and_description(item)
-        asset, (folder, _, file) = self.library.asset(item.asset), item.asset.rpartition("/")
-        if folder in ("block", "proxy", "zone") or asset.template or not asset.everyday:
-            return f"{color} {'block' if folder == 'block' else category}"
-        stem = re.sub(r"(?<=[a-z])(?=[A-Z])|[_-]", " ", file.removesuffix(".urdf")).lower()
-        return stem if category in stem.split() else f"{stem} {category}"
 
     def _find_matching_photo_object(self, item: InstanceObject) -> SceneObject | None:
         """The nearest object of the photo with the same asset."""
@@ -180,29 +187,25 @@ class _Table:
             if item.id in self.hollow:
                 row["hollow"] = True
             row["size"] = _round_to_millimetres(load_object_model(item, self.library).size)
-            yield row | self._describe_motion_as_row(item.id)
-
-    def _describe_motion_as_row(self, number: int) -> Json:
-        if number not in self.end:
-            return {}
-        begin, end = self.rollout.initial[number], self.rollout.final[number]
-        row: Json = {"start": _round_to_millimetres(begin[0])}
-        if stood := self._list_support_phrases(self.start[number], self.start):
-            row["stood"] = stood
-        moved, turned = math.dist(begin[0], end[0]), self._turn_angle_degrees(number)
-        if moved > _SEEN or turned > _TURNED:
-            row |= {"end": _round_to_millimetres(end[0]), "moved": round(moved, 3)}
-        if turned > _TURNED:
-            row["turned"] = round(turned)
-        back = transforms.invert_pose(((0, 0, 0), begin[1]))[1]
-        x, y, _, _ = transforms.multiply_quaternions(end[1], back)
-        if (tipped := math.degrees(math.acos(max(-1.0, 1 - 2 * (x * x + y * y))))) > _TURNED:
-            row["tipped"] = round(tipped)
-        if actions := [index for index, handled in enumerate(self.rollout.handled, 1) if number in handled]:
-            row["actions"] = actions
-        if ends := self._list_support_phrases(self.end[number], self.end):
-            row["ends"] = ends
-        return row
+            if item.id in self.end:
+                begin, end = self.rollout.initial[item.id], self.rollout.final[item.id]
+                row["start"] = _round_to_millimetres(begin[0])
+                if stood := self._list_support_phrases(self.start[item.id], self.start):
+                    row["stood"] = stood
+                moved, turned = math.dist(begin[0], end[0]), self._turn_angle_degrees(item.id)
+                if moved > _SEEN or turned > _TURNED:
+                    row |= {"end": _round_to_millimetres(end[0]), "moved": round(moved, 3)}
+                if turned > _TURNED:
+                    row["turned"] = round(turned)
+                back = transforms.invert_pose(((0, 0, 0), begin[1]))[1]
+                x, y, _, _ = transforms.multiply_quaternions(end[1], back)
+                if (tipped := math.degrees(math.acos(max(-1.0, 1 - 2 * (x * x + y * y))))) > _TURNED:
+                    row["tipped"] = round(tipped)
+                if actions := [index for index, handled in enumerate(self.rollout.handled, 1) if item.id in handled]:
+                    row["actions"] = actions
+                if ends := self._list_support_phrases(self.end[item.id], self.end):
+                    row["ends"] = ends
+            yield row
 
     def _turn_angle_degrees(self, number: int) -> float:
         """Degrees by which an object turns."""
@@ -212,68 +215,65 @@ class _Table:
         return [f"{how} #{number}" for how, number in self._find_supports(prism, others)]
 
     def _find_supports(self, prism: Prism, others: Mapping[int, Prism]) -> list[tuple[str, int]]:
-        """Relation and id of each object that supports or contains ``own``."""
+        """Relation (``in`` or ``on``) and id of each object that contains or supports an object."""
         if prism.owner in self.marks:
             return []
-        relations = [
-            (self._classify_in_or_on(prism, support), number)
-            for number, support in others.items()
-            if number != prism.owner
-        ]
-        return [(how, number) for how, number in relations if how]
-
-    def _classify_in_or_on(self, prism: Prism, support: Prism) -> str:
-        """Relation of an object to a supporting object: ``in``, ``on`` or empty."""
+        supports: list[tuple[str, int]] = []
         x0, y0, x1, y1 = prism.bounding_box_xy
         middle = np.array([[(x0 + x1) / 2, (y0 + y1) / 2]])
-        over, number = bool(margins_inside_outline(_POINT, support.outline, middle)[0] >= 0), support.owner
-        if over and number in self.walled and support.low - _RESTING <= prism.low < support.high - 0.002:
-            return "in"
-        if over and number in self.marks | self.hollow:
-            return "on" if support.low - _RESTING <= prism.low < support.high + _RESTING else ""
-        higher = prism.low > (support.low + support.high) / 2  # grains lie beside each other
-        touching = higher and abs(prism.low - support.high) < _RESTING
-        return "on" if touching and distance_between_outlines(prism.outline, support.outline) <= 0 else ""
+        for number, support in others.items():
+            if number == prism.owner:
+                continue
+            over = bool(margins_inside_outline(_POINT, support.outline, middle)[0] >= 0)
+            if over and number in self.walled and support.low - _RESTING <= prism.low < support.high - 0.002:
+                supports.append(("in", number))
+            elif over and number in self.marks | self.hollow:
+                if support.low - _RESTING <= prism.low < support.high + _RESTING:
+                    supports.append(("on", number))
+            elif (
+                prism.low > (support.low + support.high) / 2  # grains lie beside each other
+                and abs(prism.low - support.high) < _RESTING
+                and distance_between_outlines(prism.outline, support.outline) <= 0
+            ):
+                supports.append(("on", number))
+        return supports
 
     def list_goal_sentences(self, goal: Goal) -> Iterator[str]:
         """A sentence for all objects of a goal that may end at the same places."""
         if goal.relation is not None:
-            yield f"{self._list_names(goal.objects)} {_conjugate_end(goal.objects)} {self._describe_relation(goal)}"
+            kind, distance = goal.relation_kind, goal.required_distance
+            reference = self.names[goal.reference_id] if goal.relation.reference is not None else ""
+            apart = f", {100 * distance:.0f} cm from centre to centre" if distance else ""
+            words = {
+                "inside": f"in {reference}",
+                "on": f"on {reference}",
+                "in_zone": f"on {reference}",
+                "near": f"beside {reference}, at most {100 * (distance or 0):.0f} cm from it",
+                "stacked": "stacked, in this order from the bottom up",
+                "aligned": f"on one line{apart}",
+            }.get(str(kind), "standing upright")
+            yield f"{self._list_names(goal.objects)} {_conjugate_end(goal.objects)} {words}"
             return
         places: dict[str, list[int]] = {}
         for row, number in enumerate(goal.objects):
-            places.setdefault(self._describe_allowed_places(goal, row, number), []).append(number)
+            if goal.metric == "zone":
+                allowed = "; or ".join(dict.fromkeys(self._describe_zone(zone, number) for zone in goal.zones))
+            else:
+                targets = [goal.targets[index] for index in goal.allowed_target_indices(row)]
+                described = list(dict.fromkeys(self._describe_target(target, number) for target in targets))
+                allowed = "; or ".join(described)
+                if len(described) > 1 and not goal.replace:
+                    allowed += ", each place for one of them"
+                turned = self._turn_angle_degrees(number)
+                if goal.rotations and goal.symmetries[row] > 0 and turned > _TURNED:
+                    allowed += f", turned by {turned:.0f} degrees"
+            places.setdefault(allowed, []).append(number)
         for words, numbers in places.items():
             yield f"{self._list_names(numbers)} {_conjugate_end(numbers)} {words}"
 
     def _list_names(self, numbers: Iterable[int]) -> str:
         names = [self.names[number] for number in numbers]
         return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
-
-    def _describe_relation(self, goal: Goal) -> str:
-        kind, distance = goal.relation_kind, goal.required_distance
-        reference = self.names[goal.reference_id] if goal.relation and goal.relation.reference is not None else ""
-        apart = f", {100 * distance:.0f} cm from centre to centre" if distance else ""
-        near = f"beside {reference}, at most {100 * (distance or 0):.0f} cm from it"
-        return {
-            "inside": f"in {reference}",
-            "on": f"on {reference}",
-            "in_zone": f"on {reference}",
-            "near": near,
-            "stacked": "stacked, in this order from the bottom up",
-            "aligned": f"on one line{apart}",
-        }.get(str(kind), "standing upright")
-
-    def _describe_allowed_places(self, goal: Goal, row: int, number: int) -> str:
-        """All allowed places of an object."""
-        if goal.metric == "zone":
-            return "; or ".join(dict.fromkeys(self._describe_zone(zone, number) for zone in goal.zones))
-        targets = [goal.targets[index] for index in goal.allowed_target_indices(row)]
-        words = list(dict.fromkeys(self._describe_target(target, number) for target in targets))
-        once = ", each place for one of them" if len(words) > 1 and not goal.replace else ""
-        turned = self._turn_angle_degrees(number)
-        turn = goal.rotations and goal.symmetries[row] > 0 and turned > _TURNED
-        return "; or ".join(words) + once + (f", turned by {turned:.0f} degrees" if turn else "")
 
     def _describe_zone(self, zone: Zone, number: int) -> str:
         """Describe a zone by the smallest object that contains it, else by its size and place."""
@@ -302,22 +302,11 @@ class _Table:
             )
             words.append(f"{where}, {100 * moved:.0f} cm from its own start")
         for neighbor, pose in self.rollout.initial.items():
-            gone = neighbor != number and math.dist(pose[0], self.rollout.final[neighbor][0]) > _SAME_PLACE
-            if gone and math.dist(pose[0][:2], target[0][:2]) < _SAME_PLACE:
+            left = neighbor != number and math.dist(pose[0], self.rollout.final[neighbor][0]) > _SAME_PLACE
+            if left and math.dist(pose[0][:2], target[0][:2]) < _SAME_PLACE:
                 words.append(f"where {self.names[neighbor]} stands at the start")
         x, y, _ = target[0]
         return f"{' and '.join(words)}, at ({100 * x:.0f}, {100 * y:.0f})"
-
-
-def _color_name_set_by_program(item: InstanceObject) -> str:
-    """Name of the colour that the program gave an object; empty if it gave none."""
-    filled = item.fill.get("COLOR", ())
-    rgb = item.color or tuple(float(value) for value in filled if not isinstance(value, str))
-    if len(rgb) < 3:
-        return ""
-    named = min(utils.COLORS, key=lambda name: math.dist(utils.COLORS[name], rgb[:3]))
-    exact = math.dist(utils.COLORS[named], rgb[:3]) < 0.02
-    return named if exact else color_name_from_rgb((rgb[0], rgb[1], rgb[2]))
 
 
 def _conjugate_end(numbers: Sequence[int]) -> str:

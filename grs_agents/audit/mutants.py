@@ -1,4 +1,4 @@
-"""Mutants: task instances with a single fault, which good tests tell from the audited instance."""
+"""Mutants: task instances with a single fault, on which good tests fail."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -49,7 +49,7 @@ def make_instance_mutants(instance: TaskInstance, solved: Rollout, library: Libr
     """Make the mutants of an instance that the oracle solved.
 
     Only the last two moved objects are mutated, so that the cost does not grow with their number: the episodes of these
-    mutants begin as the task's own does, which is simulated once.
+    mutants begin as the task's, which is simulated once.
     """
     items = {item.id: item for item in instance.objects}
     named = dict.fromkeys(number for goal in instance.goals for number in goal.objects)
@@ -61,17 +61,35 @@ def make_instance_mutants(instance: TaskInstance, solved: Rollout, library: Libr
     chosen = movers[-2:]
     mutants: list[Mutant] = []
     for item in chosen:
-        goals = tuple(kept for goal in instance.goals for kept in _remove_object_from_goal(goal, item.id))
+        goals: list[Goal] = []
+        for goal in instance.goals:
+            if item.id not in goal.objects:
+                goals.append(goal)
+            elif len(goal.objects) > 1 and goal.relation_kind not in _WHOLE_ONLY:
+                rows = [row for row, object_id in enumerate(goal.objects) if object_id != item.id]
+                fields = ("objects", "matches", "symmetries")
+                kept = {name: tuple(getattr(goal, name)[row] for row in rows) for name in fields}
+                goals.append(goal.model_copy(update=kept))
         what = f"nothing asks for {_asset_with_id(item)} any more"
-        mutants.append(Mutant("goal_dropped", what, instance.model_copy(update={"goals": goals})))
+        mutants.append(Mutant("goal_dropped", what, instance.model_copy(update={"goals": tuple(goals)})))
     mutants += [mutant for item in chosen if (mutant := _make_moved_target_mutant(instance, item)) is not None]
     mutants += _make_exchanged_places_mutant(instance, solved, chosen, library)
     for item in chosen[:1]:
         frozen = item.model_copy(update={"category": "fixed"})
         what = f"{_asset_with_id(item)} cannot be moved"
         mutants.append(_make_mutant_with_objects(instance, "object_frozen", what, frozen))
-    # Nothing of this mutant's episode is shared.
-    mutants += [_make_wrong_asset_mutant(instance, item, library) for item in chosen[-1:]]
+    for item in chosen[-1:]:
+        # Another movable asset of the instance in the object's place, else a block. Its episode shares no beginning.
+        movable = [mover for mover in instance.objects if mover.role == "task" and mover.category != "fixed"]
+        usable = [mover.asset for mover in movable if not mover.fill]
+        asset = next(name for name in (*usable, *_STAND_INS) if name != item.asset)
+        stand_in = InstanceObject(id=item.id, asset=asset, pose=item.pose)
+        low = item.pose[0][2] - load_object_model(item, library).size[2] / 2
+        height = max(0.0, low) + load_object_model(stand_in, library).size[2] / 2
+        pose = ((*item.pose[0][:2], height), (0.0, 0.0, 0.0, 1.0))
+        what = f"{asset} stands where {_asset_with_id(item)} should"
+        placed = stand_in.model_copy(update={"pose": pose})
+        mutants.append(_make_mutant_with_objects(instance, "wrong_asset", what, placed))
     for count in sorted({len(chosen[:1]), len(movers)} - {0}):
         at_end = [item.model_copy(update={"pose": solved.final[item.id]}) for item in movers[:count]]
         names = ", ".join(map(_asset_with_id, movers[:count]))
@@ -84,27 +102,34 @@ def _asset_with_id(item: InstanceObject) -> str:
     return f"{item.asset} #{item.id}"
 
 
-def _remove_object_from_goal(goal: Goal, number: int) -> Iterator[Goal]:
-    """The goal without an object; nothing if it is meaningless without it."""
-    if number not in goal.objects:
-        yield goal
-    elif len(goal.objects) > 1 and goal.relation_kind not in _WHOLE_ONLY:
-        rows = [row for row, object_id in enumerate(goal.objects) if object_id != number]
-        fields = ("objects", "matches", "symmetries")
-        yield goal.model_copy(update={name: tuple(getattr(goal, name)[row] for row in rows) for name in fields})
-
-
 def _make_moved_target_mutant(instance: TaskInstance, item: InstanceObject) -> Mutant | None:
     """Move the targets and zones of an object's goals along y towards the middle of the table, and ask for a place
     beside the reference of a typed goal.
 
-    None if its goals have no such place.
+    Returns: None if its goals have no place.
     """
-    goals = tuple(_move_target_of_goal(goal) if item.id in goal.objects else goal for goal in instance.goals)
-    if goals == instance.goals:
+    goals: list[Goal] = []
+    beside = False
+    for goal in instance.goals:
+        goals.append(goal)
+        if item.id in goal.objects and goal.relation is not None:
+            if goal.relation_kind in _PLACES:
+                beside = True
+                relation = goal.relation.model_copy(update={"kind": "near", "distance": SHIFT})
+                goals[-1] = goal.model_copy(update={"relation": relation})
+        elif item.id in goal.objects:
+            places = [*goal.targets, *(zone.pose for zone in goal.zones)]
+            step = -math.copysign(SHIFT, places[0][0][1])
+            shifted: list[Pose] = [((x, y + step, z), turn) for (x, y, z), turn in places]
+            count = len(goal.targets)
+            zones = [
+                zone.model_copy(update={"pose": pose}) for zone, pose in zip(goal.zones, shifted[count:], strict=True)
+            ]
+            goals[-1] = goal.model_copy(update={"targets": tuple(shifted[:count]), "zones": tuple(zones)})
+    if tuple(goals) == instance.goals:
         return None
-    mutated = instance.model_copy(update={"goals": goals})
-    if any(_is_place(goal) and item.id in goal.objects for goal in instance.goals):
+    mutated = instance.model_copy(update={"goals": tuple(goals)})
+    if beside:
         return Mutant("put_beside", f"{_asset_with_id(item)} is to end beside its place", mutated)
     what = f"the target of {_asset_with_id(item)} is {SHIFT * 100:.0f} cm away from where it was"
     return Mutant("target_moved", what, mutated)
@@ -125,47 +150,14 @@ def _make_exchanged_places_mutant(
     heights = {item.id: -object_prism_at_pose(load_object_model(item, library), flat, item.id).low for item in chosen}
     goals: list[Goal] = []
     for goal in instance.goals:
-        mine = [number for number in goal.objects if number in exchanged]
-        single = len(goal.objects) == len(mine) == 1  # whose target rises by the difference of the rest heights
-        rise = heights[exchanged[mine[0]]] - heights[mine[0]] if single else 0.0
+        members = [number for number in goal.objects if number in exchanged]
+        single = len(goal.objects) == len(members) == 1  # the target rises by the difference of the rest heights
+        rise = heights[exchanged[members[0]]] - heights[members[0]] if single else 0.0
         targets = tuple(((x, y, z + rise), turn) for (x, y, z), turn in goal.targets)
         objects = tuple(exchanged.get(number, number) for number in goal.objects)
         goals.append(goal.model_copy(update={"objects": objects, "targets": targets}))
     what = f"{_asset_with_id(first)} and {_asset_with_id(second)} are each to end where the other one is"
     yield Mutant("exchanged", what, instance.model_copy(update={"goals": tuple(goals)}))
-
-
-def _is_place(goal: Goal) -> bool:
-    return goal.relation is not None and goal.relation_kind in _PLACES
-
-
-def _move_target_of_goal(goal: Goal) -> Goal:
-    """The goal with another place; unchanged if it has none."""
-    if goal.relation is not None:
-        beside = goal.relation.model_copy(update={"kind": "near", "distance": SHIFT})
-        return goal.model_copy(update={"relation": beside}) if _is_place(goal) else goal
-    places = [*goal.targets, *(zone.pose for zone in goal.zones)]
-    step = -math.copysign(SHIFT, places[0][0][1])
-
-    def shift_pose_along_y(pose: Pose) -> Pose:
-        (x, y, z), turn = pose
-        return (x, y + step, z), turn
-
-    zones = tuple(zone.model_copy(update={"pose": shift_pose_along_y(zone.pose)}) for zone in goal.zones)
-    return goal.model_copy(update={"targets": tuple(map(shift_pose_along_y, goal.targets)), "zones": zones})
-
-
-def _make_wrong_asset_mutant(instance: TaskInstance, item: InstanceObject, library: Library) -> Mutant:
-    """Another movable asset of the instance in the place of an object, else a block."""
-    movable = [item for item in instance.objects if item.role == "task" and item.category != "fixed"]
-    usable = [item.asset for item in movable if not item.fill]
-    asset = next(name for name in (*usable, *_STAND_INS) if name != item.asset)
-    stand_in = InstanceObject(id=item.id, asset=asset, pose=item.pose)
-    low = item.pose[0][2] - load_object_model(item, library).size[2] / 2
-    height = max(0.0, low) + load_object_model(stand_in, library).size[2] / 2
-    pose = ((*item.pose[0][:2], height), (0.0, 0.0, 0.0, 1.0))
-    what = f"{asset} stands where {_asset_with_id(item)} should"
-    return _make_mutant_with_objects(instance, "wrong_asset", what, stand_in.model_copy(update={"pose": pose}))
 
 
 def _make_mutant_with_objects(instance: TaskInstance, kind: MutantKind, what: str, *items: InstanceObject) -> Mutant:

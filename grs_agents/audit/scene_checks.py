@@ -1,7 +1,7 @@
 """Checks of the scenes themselves: as the photo shows them, apart at the start, at rest and undisturbed at the end."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -9,8 +9,6 @@ import numpy as np
 from grs_agents.audit.goal_checks import asset_with_id, is_movable_object, pair_instances_with_rollouts
 from grs_agents.audit.pose_changes import find_pose_changes, is_tilted
 from grs_agents.audit.types import AuditFinding, join_first_distinct
-from grs_agents.base import Pose
-from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.library.library import Library
 from grs_agents.perception.types import SceneDescription
 from grs_agents.sim.instance.task_instance import InstanceObject, TaskInstance
@@ -83,32 +81,30 @@ def check_photo_poses(instances: Sequence[TaskInstance], scene: SceneDescription
 
 def check_objects_start_apart_and_stable(pairs: Sequence[tuple[TaskInstance, Rollout]]) -> AuditFinding:
     """The finding ``clear_start``: no overlaps, nothing invisible, and no motion while the scene settles."""
-    faults = [fault for instance, rollout in pairs for fault in _describe_unstable_start(instance, rollout)]
+    faults: list[str] = []
+    for instance, rollout in pairs:
+        bystanders = {item.id for item in instance.objects if item.role == "bystander"}
+        excused = [{tie.parent, tie.child} for tie in instance.ties]
+        for overlap in rollout.overlaps:
+            pair = {overlap.first, overlap.second}
+            # The photo, not the program, overlaps two bystanders; a program that moves them is at fault elsewhere.
+            if overlap.depth > DEPTH and not pair <= bystanders and pair not in excused:
+                names = f"{asset_with_id(instance, overlap.first)} and {asset_with_id(instance, overlap.second)}"
+                faults.append(f"{names} reach {overlap.depth * 1000:.0f} mm into each other")
+        for item in instance.task_objects:
+            colors = (item.color or (), item.fill.get("COLOR", ()))
+            transparent = any(len(color) > 3 and float(color[3]) < OPAQUE for color in colors)
+            if transparent or (item.asset.startswith("zone/") and item.pose[0][2] < -BURIED):
+                faults.append(f"{asset_with_id(instance, item.id)} cannot be seen")
+        for item in (item for item in instance.objects if item.id in rollout.initial):
+            start, rest = item.pose, rollout.initial[item.id]
+            moved = math.dist(start[0][:2], rest[0][:2]) > SHIFT or abs(start[0][2] - rest[0][2]) > SINK
+            if moved or is_tilted(start, rest):
+                away = math.dist(start[0], rest[0])
+                faults.append(f"settling moves {asset_with_id(instance, item.id)} by {away * 100:.1f} cm or tips it")
     bound = f"nothing may reach {DEPTH * 1000:.0f} mm into another thing, a bystander stand on a mark, or settling "
     bound += f"move anything {SHIFT * 100:.0f} cm sideways, {SINK * 100:.0f} cm up or down, or tip it"
     return AuditFinding.from_fault_list("clear_start", faults, "objects are apart, and stay where they are put", bound)
-
-
-def _describe_unstable_start(instance: TaskInstance, rollout: Rollout) -> Iterator[str]:
-    bystanders = {item.id for item in instance.objects if item.role == "bystander"}
-    excused = [{tie.parent, tie.child} for tie in instance.ties]
-    for overlap in rollout.overlaps:
-        pair = {overlap.first, overlap.second}
-        # How two bystanders stand is the photo's doing, not the program's; if it moves them, that is a fault.
-        if overlap.depth > DEPTH and not pair <= bystanders and pair not in excused:
-            names = f"{asset_with_id(instance, overlap.first)} and {asset_with_id(instance, overlap.second)}"
-            yield f"{names} reach {overlap.depth * 1000:.0f} mm into each other"
-    for item in instance.task_objects:
-        colors = (item.color or (), item.fill.get("COLOR", ()))
-        transparent = any(len(color) > 3 and float(color[3]) < OPAQUE for color in colors)
-        if transparent or (item.asset.startswith("zone/") and item.pose[0][2] < -BURIED):
-            yield f"{asset_with_id(instance, item.id)} cannot be seen"
-    for item in (item for item in instance.objects if item.id in rollout.initial):
-        start, rest = item.pose, rollout.initial[item.id]
-        moved = math.dist(start[0][:2], rest[0][:2]) > SHIFT or abs(start[0][2] - rest[0][2]) > SINK
-        if moved or is_tilted(start, rest):
-            away = math.dist(start[0], rest[0])
-            yield f"settling moves {asset_with_id(instance, item.id)} by {away * 100:.1f} cm or tips it"
 
 
 def check_objects_rest_at_end(pairs: Sequence[tuple[TaskInstance, Rollout]]) -> AuditFinding:
@@ -151,49 +147,44 @@ def check_visibility(
 ) -> AuditFinding:
     """The finding ``seen``, about everything that the task adds to the photo."""
     shown = {item.asset for item in scene.objects} if scene is not None else set[str]()
-    faults = [
-        fault
-        for instance, rollout in pair_instances_with_rollouts(instances, rollouts)
-        for fault in _describe_hidden_marks(instance, rollout, library, shown)
-    ]
+    faults: list[str] = []
+    for instance, rollout in pair_instances_with_rollouts(instances, rollouts):
+        known = [item for item in instance.objects if item.asset in library]
+        moments: list[dict[int, list[Prism]]] = []  # the parts of each object, by id, at the start and at the end
+        for poses in (poses for poses in (rollout.initial, rollout.final) if poses):
+            moments.append({})
+            for item in known:
+                model = load_object_model(item, library)
+                parts, whole = find_prisms_at_pose(model, poses.get(item.id, item.pose), item.id)
+                moments[-1][item.id] = parts or [whole]  # a mark is a single flat part
+        for item in known if moments else ():
+            if item.role != "task" or is_movable_object(item, library):
+                continue
+            others = [cover.id for cover in known if cover.id != item.id and not {cover.asset, item.asset} <= shown]
+            share = max(_visible_area_share(item.id, others, surfaces) for surfaces in moments)
+            if share < SEEN:
+                faults.append(f"{asset_with_id(instance, item.id)} is covered: {share:.0%} of it can be seen")
+            elif _has_color_of_ground_below(item, known, instance, moments[0], library):
+                faults.append(f"{asset_with_id(instance, item.id)} has the colour of what it lies on")
     bound = f"of what the task adds, {SEEN:.0%} must be seen from above at the start or at the end, and marks must be "
     bound += "of another colour than what they lie on"
     return AuditFinding.from_fault_list("seen", faults, "what the task adds can be seen", bound)
 
 
-def _describe_hidden_marks(
-    instance: TaskInstance, rollout: Rollout, library: Library, shown: Set[str]
-) -> Iterator[str]:
-    known = [item for item in instance.objects if item.asset in library]
-    moments = [_prisms_by_object_id(known, poses, library) for poses in (rollout.initial, rollout.final) if poses]
-    if not moments:
-        return
-    for item in known:
-        if item.role != "task" or is_movable_object(item, library):
-            continue
-        others = [cover.id for cover in known if cover.id != item.id and not {cover.asset, item.asset} <= shown]
-        share = max(_visible_area_share(item.id, others, surfaces) for surfaces in moments)
-        if share < SEEN:
-            yield f"{asset_with_id(instance, item.id)} is covered: {share:.0%} of it can be seen"
-        elif _has_color_of_ground_below(item, known, instance, moments[0], library):
-            yield f"{asset_with_id(instance, item.id)} has the colour of what it lies on"
-
-
-def _prisms_by_object_id(
-    items: Sequence[InstanceObject], poses: Mapping[int, Pose], library: Library
-) -> dict[int, list[Prism]]:
-    """Prisms of the parts of each object, by id; a mark is a single flat part."""
-    surfaces: dict[int, list[Prism]] = {}
-    for item in items:
-        model = load_object_model(item, library)
-        parts, whole = find_prisms_at_pose(model, poses.get(item.id, item.pose), item.id)
-        surfaces[item.id] = parts or [whole]
-    return surfaces
-
-
 def _visible_area_share(number: int, others: Sequence[int], surfaces: Mapping[int, Sequence[Prism]]) -> float:
-    """Share (0..1) of an object's area from above that no other object covers."""
-    points, heights = _sample_top_points_and_heights(surfaces[number])
+    """Share (0..1) of an object's area from above that no other object covers, from a grid of sample points."""
+    solid = [prism for prism in surfaces[number] if len(prism.outline) >= 3]
+    if not solid:
+        return 1.0
+    corners = np.vstack([prism.outline for prism in solid])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    steps = (np.arange(_POINTS) + 0.5) / _POINTS
+    grid = np.stack(np.meshgrid(*(low + np.outer(steps, high - low)).T), axis=-1).reshape(-1, 2)
+    heights = np.full(len(grid), -np.inf)  # of the object's top at each point, m
+    for prism in solid:
+        inside = margins_inside_outline(_ORIGIN, prism.outline, grid) >= 0
+        heights = np.where(inside, np.maximum(heights, prism.high), heights)
+    points, heights = grid[np.isfinite(heights)], heights[np.isfinite(heights)]
     if not len(points):
         return 1.0
     free = np.ones(len(points), dtype=bool)
@@ -203,22 +194,6 @@ def _visible_area_share(number: int, others: Sequence[int], surfaces: Mapping[in
     return float(free.mean())
 
 
-def _sample_top_points_and_heights(prisms: Sequence[Prism]) -> tuple[FloatArray, FloatArray]:
-    """Points (N, 2) spread over an object as seen from above, and how high (N,) it is there, metres."""
-    solid = [prism for prism in prisms if len(prism.outline) >= 3]
-    if not solid:
-        return np.zeros((0, 2)), np.zeros(0)
-    corners = np.vstack([prism.outline for prism in solid])
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    steps = (np.arange(_POINTS) + 0.5) / _POINTS
-    grid = np.stack(np.meshgrid(*(low + np.outer(steps, high - low)).T), axis=-1).reshape(-1, 2)
-    heights = np.full(len(grid), -np.inf)
-    for prism in solid:
-        inside = margins_inside_outline(_ORIGIN, prism.outline, grid) >= 0
-        heights = np.where(inside, np.maximum(heights, prism.high), heights)
-    return grid[np.isfinite(heights)], heights[np.isfinite(heights)]
-
-
 def _has_color_of_ground_below(
     item: InstanceObject,
     known: Sequence[InstanceObject],
@@ -226,7 +201,7 @@ def _has_color_of_ground_below(
     surfaces: Mapping[int, Sequence[Prism]],
     library: Library,
 ) -> bool:
-    """Whether a mark has the colour of the table, or of the highest mark that contains it."""
+    """True if a mark has the colour of the table, or of the highest mark that contains it."""
     mark_color = _single_color_of_mark(item, library)
     if mark_color is None:
         return False

@@ -61,40 +61,37 @@ _RUNTIME: Final = frozenset({"Environment", "Oracle", "PushOracle"})
 def check_program(simulation: str) -> AuditFinding:
     """The finding ``plain_program``."""
     source = read_source("simulation", simulation)
+    located: list[tuple[int, str]] = []
     if isinstance(source, ProgramSource):
-        located = [*_find_seed_and_override_faults(source)]
+        aliases = {
+            alias.asname or alias.name.split(".")[0]: alias.name if alias.asname else alias.name.split(".")[0]
+            for node in source.nodes_of_type(ast.Import)
+            for alias in node.names
+        }
+        for node in source.nodes:
+            if fault := _describe_dependence_or_override(node, aliases):
+                located.append((getattr(node, "lineno", 1), fault))
+        for owner in source.nodes_of_type(ast.ClassDef):
+            bases = {str(getattr(base, "attr", getattr(base, "id", ""))) for base in owner.bases}
+            if runtime := bases & _RUNTIME:
+                located.append((owner.lineno, f"{owner.name} is an {min(runtime)} of its own"))
+            for node in owner.body:
+                names = {node.name} if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) else set[str]()
+                targets = node.targets if isinstance(node, ast.Assign) else []
+                targets = [node.target] if isinstance(node, ast.AnnAssign) else targets
+                names |= {target.id for target in targets if isinstance(target, ast.Name)}
+                for name in sorted(names & _ANSWERS):
+                    located.append((node.lineno, f"{owner.name} overrides {name}, which the runtime answers"))
     else:
-        located = [(source.line, source.message)]
+        located.append((source.line, source.message))
     faults = [f"line {line}: {fault}" for line, fault in sorted(located)]
     bound = "a program must draw from the seed alone, and override no more than __init__, reset and additional_reset"
     otherwise = "it draws from nothing but the seed, and overrides nothing else"
     return AuditFinding.from_fault_list("plain_program", faults, otherwise, bound)
 
 
-def _find_seed_and_override_faults(source: ProgramSource) -> Iterator[tuple[int, str]]:
-    aliases = {
-        alias.asname or alias.name.split(".")[0]: alias.name if alias.asname else alias.name.split(".")[0]
-        for node in source.nodes_of_type(ast.Import)
-        for alias in node.names
-    }
-    for node in source.nodes:
-        if fault := _describe_dependence_beyond_seed(node, aliases) or _describe_runtime_override(node):
-            yield getattr(node, "lineno", 1), fault
-    for owner in source.nodes_of_type(ast.ClassDef):
-        bases = {str(getattr(base, "attr", getattr(base, "id", ""))) for base in owner.bases}
-        if runtime := bases & _RUNTIME:
-            yield owner.lineno, f"{owner.name} is an {min(runtime)} of its own"
-        for node in owner.body:
-            names = {node.name} if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) else set[str]()
-            targets = node.targets if isinstance(node, ast.Assign) else []
-            targets = [node.target] if isinstance(node, ast.AnnAssign) else targets
-            names |= {target.id for target in targets if isinstance(target, ast.Name)}
-            for name in sorted(names & _ANSWERS):
-                yield node.lineno, f"{owner.name} overrides {name}, which the runtime answers"
-
-
-def _describe_dependence_beyond_seed(node: ast.AST, aliases: Mapping[str, str]) -> str:
-    """Source of randomness of a node other than the seed; empty if there is none."""
+def _describe_dependence_or_override(node: ast.AST, aliases: Mapping[str, str]) -> str:
+    """Source of randomness other than the seed, or assignment to the runtime's attributes; empty if there is none."""
     match node:
         case ast.ImportFrom():
             module, names = node.module or "", {alias.name for alias in node.names}
@@ -102,6 +99,8 @@ def _describe_dependence_beyond_seed(node: ast.AST, aliases: Mapping[str, str]) 
             fault = f"it takes {min(names)} from {module}" if module in _MODULES or harmful else ""
         case ast.Name(ctx=ast.Load()) if node.id in ("id", "hash") or aliases.get(node.id) in _MODULES:
             fault = f"{node.id} tells something else than the seed"
+        case ast.Name(id="setattr" | "delattr", ctx=ast.Load()):
+            fault = f"{node.id} may put something else in place of the runtime's own"
         case ast.Call():
             name = str(getattr(node.func, "attr", getattr(node.func, "id", "")))
             given = [*node.args, *(word.value for word in node.keywords)]
@@ -111,22 +110,18 @@ def _describe_dependence_beyond_seed(node: ast.AST, aliases: Mapping[str, str]) 
         case ast.Attribute():
             owner = ast.unparse(node.value)
             allowed = _HARMLESS.get(aliases.get(owner, owner), frozenset({node.attr}))
-            harmful = node.attr in _NAMES or node.attr not in allowed
-            fault = f"{owner}.{node.attr} tells something else than the seed" if harmful else ""
+            of_environment = owner.rpartition(".")[2] == "env" and node.attr in _ANSWERS_OF_ENVIRONMENT
+            if node.attr in _NAMES or node.attr not in allowed:
+                fault = f"{owner}.{node.attr} tells something else than the seed"
+            elif isinstance(node.ctx, ast.Load):
+                fault = f"{node.attr} does so" if node.attr == "__setattr__" else ""
+            elif node.attr in _ANSWERS or of_environment:
+                fault = f"it puts something else in place of {owner}.{node.attr}"
+            else:
+                fault = ""
         case _:
             fault = ""
     return fault
-
-
-def _describe_runtime_override(node: ast.AST) -> str:
-    """Override of the runtime's own by assignment to an object; empty if there is none."""
-    if isinstance(node, ast.Name) and node.id in ("setattr", "delattr") and isinstance(node.ctx, ast.Load):
-        return f"{node.id} may put something else in place of the runtime's own"
-    if not isinstance(node, ast.Attribute) or isinstance(node.ctx, ast.Load):
-        return f"{node.attr} does so" if isinstance(node, ast.Attribute) and node.attr == "__setattr__" else ""
-    owner = ast.unparse(node.value)
-    replaced = node.attr in _ANSWERS or (owner.rpartition(".")[2] == "env" and node.attr in _ANSWERS_OF_ENVIRONMENT)
-    return f"it puts something else in place of {owner}.{node.attr}" if replaced else ""
 
 
 def find_expectations_taken_from_program(

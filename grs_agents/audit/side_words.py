@@ -15,15 +15,15 @@ _OWNED: Final = re.compile(
     re.IGNORECASE,
 )
 _ALIKE: Final = math.cos(math.radians(45))
-"""Cosine of 45 degrees: directions nearer to each other than to the next side are the same side."""
+"""Cosine of 45 degrees, the angle half-way to the next side."""
 
 
 def explain_ambiguous_sides(words: str, frame: TableFrame | None) -> str:
     """Explain why words of sides mean different sides to the robot and to a viewer of the photo; empty if they do not.
 
     Args:
-        words: the task's.
-        frame: of the photo, whose camera draws the films too; None where there is no photo.
+        words: the task's text.
+        frame: the photo's, whose camera also draws the films; None without a photo.
     """
     if frame is None or _OWNED.search(words):
         return ""
@@ -31,7 +31,7 @@ def explain_ambiguous_sides(words: str, frame: TableFrame | None) -> str:
     right, down, forward = pose[:2, 0], pose[:2, 1], pose[:2, 2]
     away = forward if np.linalg.norm(forward) > np.linalg.norm(down) else -down
     for form, seen, robot_side in ((_ASIDE, -right, (0.0, 1.0)), (_AHEAD, away, (1.0, 0.0))):
-        said = form.search(words)
-        if said is not None and np.dot(seen, robot_side) < _ALIKE * np.linalg.norm(seen):
-            return f"{said[0]!r} is another side for the robot than in the photo"
+        side = form.search(words)
+        if side is not None and np.dot(seen, robot_side) < _ALIKE * np.linalg.norm(seen):
+            return f"{side[0]!r} is another side for the robot than in the photo"
     return ""

@@ -61,14 +61,14 @@ class ProgramSource:
 
     @cached_property
     def imported_names(self) -> frozenset[str]:
-        """The names that come from the runtime as they are called there, and that nothing else is given."""
+        """Names imported from the runtime without an alias and assigned nowhere."""
         froms = [node for node in self.nodes_of_type(ast.ImportFrom) if node.module == sim.__name__]
         stored = {node.id for node in self.nodes_of_type(ast.Name) if not isinstance(node.ctx, ast.Load)}
         return frozenset(alias.name for node in froms for alias in node.names if not alias.asname) - stored
 
     @cached_property
     def bound_names(self) -> frozenset[str]:
-        """Every name that is defined, imported or assigned anywhere, those of attributes and arguments included."""
+        """Every name that is defined, imported or assigned anywhere, including attributes and arguments."""
         names: set[str] = set()
         for node in self.nodes:
             if isinstance(node, ast.alias):
@@ -101,18 +101,42 @@ def check_source(source: ProgramSource) -> Iterator[StaticFinding]:
         (node, node.module or "", alias.name) for node in source.nodes_of_type(ast.ImportFrom) for alias in node.names
     ]
     for node, module, name in imported:
-        if node not in guarded and (problem := _describe_import_problem(module, name)):
-            yield source.finding(node.lineno, "import", problem)
-    yield from _find_undefined_names(source)
+        package = module.split(".", maxsplit=1)[0]
+        if node in guarded:
+            continue
+        if package in _REFUSED_PACKAGES:
+            problem = f"the sandbox does not let a program use {package}"
+        elif not package:
+            problem = "a relative import, in a program that is no part of a package"
+        elif module == sim.__name__ and name not in ("*", module) and not hasattr(sim, name):
+            problem = f"{module} has no {name}{suggest_nearest_name(name, dir(sim))}"
+        elif package not in _ANSWERED_PACKAGES and importlib.util.find_spec(package) is None:
+            problem = f"there is no module {package} in the sandbox"
+        else:
+            continue
+        yield source.finding(node.lineno, "import", problem)
+    read = {node.id: node.lineno for node in reversed(source.nodes_of_type(ast.Name))}
+    # Skipped if names may be bound in ways that the source hides.
+    unknowable = {"*", "annotations"} & source.bound_names
+    unknowable |= {"globals", "locals", "exec", "eval", "NameError"} & read.keys()
+    known = {*source.bound_names, *dir(builtins), "__file__"}
+    for name in sorted(read.keys() - known) if not unknowable else ():
+        yield source.finding(read[name], "unknown_name", f"{name} is not defined{suggest_nearest_name(name, known)}")
     for call in source.nodes_of_type(ast.Call):
         name = _get_called_name(call)
-        known = name in source.bound_names or hasattr(sim.Environment, name)
-        if _get_receiver_name(call) == "env" and not known:
+        exists = name in source.bound_names or hasattr(sim.Environment, name)
+        if _get_receiver_name(call) == "env" and not exists:
             text = f"env has no method {name}{suggest_nearest_name(name, dir(sim.Environment))}"
             yield source.finding(call.lineno, "unknown_name", text)
         yield from _check_arguments(source, call)
     for attribute in source.nodes_of_type(ast.Attribute):
-        yield from _check_module_attribute_exists(source, attribute)
+        owner = attribute.value.id if isinstance(attribute.value, ast.Name) else ""
+        module = sim.utils if owner == "utils" and owner in source.imported_names else np if owner == "np" else None
+        with warnings.catch_warnings(action="ignore"):
+            missing = module is not None and not hasattr(module, attribute.attr)
+        if missing:
+            text = f"{owner} has no {attribute.attr}{suggest_nearest_name(attribute.attr, dir(module))}"
+            yield source.finding(attribute.lineno, "unknown_name", text)
     for loop in source.nodes_of_type(ast.While):
         leaving = ast.Break | ast.Return | ast.Raise | ast.Yield | ast.Assert
         left = any(isinstance(inner, leaving) or _get_called_name(inner) == "exit" for inner in ast.walk(loop))
@@ -126,42 +150,19 @@ def suggest_nearest_name(name: str, known: Iterable[str]) -> str:
     return f"; did you mean {near[0]}" if near else ""
 
 
-def _describe_import_problem(module: str, name: str) -> str:
-    package = module.split(".", maxsplit=1)[0]
-    if package in _REFUSED_PACKAGES:
-        return f"the sandbox does not let a program use {package}"
-    if not package:
-        return "a relative import, in a program that is no part of a package"
-    if module == sim.__name__ and name not in ("*", module) and not hasattr(sim, name):
-        return f"{module} has no {name}{suggest_nearest_name(name, dir(sim))}"
-    known = package in _ANSWERED_PACKAGES or importlib.util.find_spec(package) is not None
-    return "" if known else f"there is no module {package} in the sandbox"
-
-
-def _find_undefined_names(source: ProgramSource) -> Iterator[StaticFinding]:
-    """Find undefined names; nothing is reported if names may be bound in ways that the source hides."""
-    read = {node.id: node.lineno for node in reversed(source.nodes_of_type(ast.Name))}
-    if {"*", "annotations"} & source.bound_names or {"globals", "locals", "exec", "eval", "NameError"} & read.keys():
-        return
-    known = {*source.bound_names, *dir(builtins), "__file__"}
-    for name in sorted(read.keys() - known):
-        yield source.finding(read[name], "unknown_name", f"{name} is not defined{suggest_nearest_name(name, known)}")
-
-
-def _check_module_attribute_exists(source: ProgramSource, node: ast.Attribute) -> Iterator[StaticFinding]:
-    """Check that ``np`` or ``utils`` has the attribute."""
-    owner = node.value.id if isinstance(node.value, ast.Name) else ""
-    module = sim.utils if owner == "utils" and owner in source.imported_names else np if owner == "np" else None
-    with warnings.catch_warnings(action="ignore"):
-        missing = module is not None and not hasattr(module, node.attr)
-    if missing:
-        text = f"{owner} has no {node.attr}{suggest_nearest_name(node.attr, dir(module))}"
-        yield source.finding(node.lineno, "unknown_name", text)
-
-
 def _check_arguments(source: ProgramSource, call: ast.Call) -> Iterator[StaticFinding]:
-    """Check the arguments of a call of the documented API; unpacked arguments are unknown."""
-    name, function = _get_called_name(call), _find_documented_function(source, call)
+    """Check the arguments of a call of the documented API; a call that unpacks, or of an uncertain function, passes."""
+    name, receiver = _get_called_name(call), _get_receiver_name(call)
+    function = _API.get(name)
+    if isinstance(call.func, ast.Name):
+        if name not in source.imported_names or _takes_self_argument(function):
+            return
+    elif receiver == "utils" and inspect.isfunction(getattr(sim.utils, name, None)):
+        function = getattr(sim.utils, name)
+    else:
+        ambiguous = name in source.bound_names or (name in _ONLY_OF_ENVIRONMENT and receiver != "env")
+        if ambiguous or receiver[:1].isupper() or not _takes_self_argument(function):
+            return
     given = [word.arg or "**" for word in call.keywords]
     if function is None or "**" in given or any(isinstance(part, ast.Starred) for part in call.args):
         return
@@ -175,19 +176,6 @@ def _check_arguments(source: ProgramSource, call: ast.Call) -> Iterator[StaticFi
         signature.bind(*positional, **dict.fromkeys(shown & set(given)))
     except TypeError as error:
         yield source.finding(call.lineno, "wrong_arguments", f"{name}: {error}")
-
-
-def _find_documented_function(source: ProgramSource, call: ast.Call) -> Callable[..., Any] | None:
-    """The function of the API that a call reaches; None if that is uncertain."""
-    name, receiver = _get_called_name(call), _get_receiver_name(call)
-    function = _API.get(name)
-    if isinstance(call.func, ast.Name):
-        return function if name in source.imported_names and not _takes_self_argument(function) else None
-    if receiver == "utils" and inspect.isfunction(getattr(sim.utils, name, None)):
-        return getattr(sim.utils, name)
-    if name in source.bound_names or receiver[:1].isupper() or (name in _ONLY_OF_ENVIRONMENT and receiver != "env"):
-        return None
-    return function if _takes_self_argument(function) else None
 
 
 def _takes_self_argument(function: Callable[..., Any] | None) -> bool:

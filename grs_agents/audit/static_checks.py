@@ -21,9 +21,9 @@ def check_programs(simulation: str, tests: str, task: TaskDefinition, library: L
 
     Args:
         simulation: source of the simulation program.
-        tests: source of its tests; nothing is said of tests that are not written yet.
+        tests: source of its tests; empty if they are not written yet.
         task: the definition that the program must keep to.
-        library: the assets there are, with the run's own laid over.
+        library: the assets, including the run's.
     """
     program = read_source("simulation", simulation)
     suite = read_source("tests", tests) if tests.strip() else None
@@ -43,7 +43,7 @@ def check_programs(simulation: str, tests: str, task: TaskDefinition, library: L
 
 
 def check_task_class_and_base_calls(source: ProgramSource) -> Iterator[StaticFinding]:
-    """Check that a class derives from Task, and that its methods call those of the base."""
+    """Check that a class derives from Task, and that its methods call the base's."""
     if not defines_task_class(source.tree):
         yield source.finding(1, "class_missing", "no class derives from Task")
     tasks = [node for node in source.nodes_of_type(ast.ClassDef) if "Task" in map(ast.unparse, node.bases)]
@@ -79,7 +79,7 @@ def check_asset_literals_match_task(
 
 
 def _find_objects_without_goal(source: ProgramSource) -> Iterator[StaticFinding]:
-    """Movable objects that get a variable which nothing reads."""
+    """Find movable objects whose variable nothing reads."""
     read = {node.id for node in source.nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load)}
     for node in source.nodes:
         if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name) and node.targets[0].id not in read:
@@ -92,7 +92,7 @@ def _find_objects_without_goal(source: ProgramSource) -> Iterator[StaticFinding]
 def check_rewards_sum_to_one(source: ProgramSource) -> Iterator[StaticFinding]:
     """Check that goals add up to 1, if ``reset`` states them in sequence with rewards in plain numbers."""
     goals = [call for call in source.nodes_of_type(ast.Call) if getattr(call.func, "attr", "") == "add_goal"]
-    rewards: list[float | None] = []  # a number, or a quotient of two; None where it has to be computed
+    rewards: list[float | None] = []  # a number, or a quotient of two; None if it has to be computed
     for goal in goals:
         stated = [ast.unparse(word.value) for word in goal.keywords if word.arg == "step_max_reward"]
         number = re.fullmatch(r"(\d*\.?\d+)(?: / (\d*\.?\d*[1-9]))?", stated[0] if stated else "1")

@@ -54,7 +54,7 @@ class SuiteRun(Protocol):
     solved: int  # episodes of the audited instance at full reward
     difference: str  # how the last scene differs from the audited instance
     replaced: str  # a method of the runtime that was replaced
-    held: bool  # whether the audited instance's goals hold at the end of each episode
+    held: bool  # the audited instance's goals hold at the end of each episode
 
 
 def find_test_integrity_faults(tests: str, names: Sequence[str] = ("task_code",)) -> Iterator[tuple[int, str]]:
@@ -73,7 +73,18 @@ def find_test_integrity_faults(tests: str, names: Sequence[str] = ("task_code",)
     if not imports & set(names):
         yield 1, f"they never import {names[0]}"
     for node in source.nodes:
-        if fault := _describe_mock_or_own_task(node):
+        fault = ""
+        if isinstance(node, ast.alias) and set(node.name.split(".")) & _MOCKING:
+            fault = f"they import {node.name}, which puts something else in place of what is tested"
+        elif isinstance(node, ast.ImportFrom) and set((node.module or "").split(".")) & _MOCKING:
+            fault = f"they import from {node.module}, which puts something else in place of what is tested"
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in _MOCKING:
+            fault = f"they call {node.func.id}, which may put something else in place of what is tested"
+        elif isinstance(node, ast.ClassDef):
+            bases = {getattr(base, "attr", getattr(base, "id", "")) for base in node.bases}
+            if runtime := bases & _RUNTIME:
+                fault = f"{node.name} is a {min(runtime)} of their own"
+        if fault:
             yield getattr(node, "lineno", 1), fault
     yield from _find_runtime_accesses(source)
 
@@ -132,20 +143,6 @@ def _describe_runtime_access(node: ast.AST, imported: set[str]) -> str:
     return ""
 
 
-def _describe_mock_or_own_task(node: ast.AST) -> str:
-    if isinstance(node, ast.alias) and set(node.name.split(".")) & _MOCKING:
-        return f"they import {node.name}, which puts something else in place of what is tested"
-    if isinstance(node, ast.ImportFrom) and set((node.module or "").split(".")) & _MOCKING:
-        return f"they import from {node.module}, which puts something else in place of what is tested"
-    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in _MOCKING:
-        return f"they call {node.func.id}, which may put something else in place of what is tested"
-    if isinstance(node, ast.ClassDef):
-        bases = {getattr(base, "attr", getattr(base, "id", "")) for base in node.bases}
-        if runtime := bases & _RUNTIME:
-            return f"{node.name} is a {min(runtime)} of their own"
-    return ""
-
-
 def check_tests_exercise_program(faults: Sequence[tuple[int, str]], runs: Sequence[SuiteRun]) -> AuditFinding:
     """They test the program: nothing is mocked, and an episode at full reward ran the instance that was audited."""
     lines = [f"line {line}: {fault}" for line, fault in faults]
@@ -172,11 +169,11 @@ def check_tests_pass_repeatedly(runs: Sequence[SuiteRun]) -> AuditFinding:
 def check_tests_fail_on_mutants(mutants: Sequence[Mutant], runs: Sequence[SuiteRun]) -> AuditFinding:
     """The tests fail for most mutants, and for at least a mutant of each kind in ``_BLIND``.
 
-    One whose target was moved and that still ends as it should is none.
+    A mutant with a moved target whose audited goals still hold at the end does not count.
 
     Args:
         mutants: the faults.
-        runs: of the suite, one for each.
+        runs: of the suite, for each mutant.
     """
     pairs = list(zip(mutants, runs, strict=True))
     counted = [

@@ -39,11 +39,11 @@ class Change(Frozen):
 
     seed: int  # the task instance it was seen in
     asset: str
-    position: Vec3  # where the program put it (m, robot frame)
-    photo: Vec3 | None  # where the photo shows that asset nearest by, if it does
+    position: Vec3  # in the instance (m, robot frame)
+    photo: Vec3 | None  # nearest position of the asset in the photo, if it shows the asset
     distance: float | None  # metres between the two in the table plane, if the photo shows the asset
     turned: float | None = None  # degrees between the two orientations, if the photo shows the asset
-    reason: str = ""  # why it need not stand there, as measured; empty where there is none
+    reason: str = ""  # measured reason to leave the photo's pose; empty if there is none
 
 
 class AuditReport(Frozen):

@@ -20,7 +20,7 @@ from grs_agents.base.errors import ConfigError, GrsError, InputError, UnknownNam
 
 Kind = Literal["graphs", "tools", "prompts", "assets", "evals", "policies", "models"]
 KINDS: tuple[Kind, ...] = ("graphs", "tools", "prompts", "assets", "evals")
-"""The kinds that GRS ships; policies and models of its own are no files of content."""
+"""The kinds that GRS ships; its policies and models are no files of content."""
 ENTRY_POINTS = "grs_agents.content"
 """The group of entry points that name packages whose folders hold content."""
 _SUFFIX: dict[Kind, str] = {"prompts": ".md", "assets": ""}
@@ -170,8 +170,7 @@ def is_shipped(file: Path) -> bool:
 
 
 def list_frames(error: BaseException, since: str | None = None) -> list[traceback.FrameSummary]:
-    """The frames of an exception's traceback, outermost first; only those after the last frame of the file
-    ``since``."""
+    """The frames of an exception's traceback, outermost first, from after the last frame of the file ``since``."""
     frames = list(traceback.extract_tb(error.__traceback__))
     last = max((number for number, frame in enumerate(frames) if frame.filename == since), default=-1)
     return frames if since is None else frames[last + 1 :] if last >= 0 else []
@@ -186,17 +185,14 @@ def locate_user_code(error: BaseException, since: str | None = None) -> str:
     if isinstance(error, SyntaxError) and error.filename:
         places.append((error.filename, error.lineno))
     for name, line in reversed(places):
-        if _is_user_file(Path(name)):
+        file = Path(name)
+        if not file.is_file() or is_shipped(file):
+            continue
+        is_content = any(file.is_relative_to(root) for root in (*_overlays, *installed_content_folders()))
+        installed = (sysconfig.get_path(kind) for kind in ("stdlib", "purelib", "platlib"))
+        if is_content or not any(file.is_relative_to(folder) for folder in installed):
             return f"{name}:{line}"
     return ""
-
-
-def _is_user_file(file: Path) -> bool:
-    if not file.is_file() or is_shipped(file):
-        return False
-    if any(file.is_relative_to(root) for root in (*_overlays, *installed_content_folders())):
-        return True
-    return not any(file.is_relative_to(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib"))
 
 
 def describe_exception(error: BaseException) -> str:
@@ -206,7 +202,7 @@ def describe_exception(error: BaseException) -> str:
 
 
 def hash_files(*places: Path) -> str:
-    """A hash of all files in these folders, so that figures are never older than the code they are of."""
+    """A hash of all files in these folders, which ties figures to the code that produced them."""
     files = sorted(file for place in places for file in (place.rglob("*") if place.is_dir() else [place]))
     whole = hashlib.sha256()
     for file in files:
@@ -216,6 +212,6 @@ def hash_files(*places: Path) -> str:
 
 
 def hash_code() -> str:
-    """A hash of the package and of all content, that which is laid over it too; without the evals' own results."""
+    """A hash of the package and of all content, overlays included, without the evals' results."""
     content = [path for root in content_search_roots() for kind in KINDS for path in (root / kind).glob("*")]
     return hash_files(package_root(), *(path for path in content if path.name != "results"))

@@ -145,7 +145,7 @@ def refuse_link(path: Path) -> Path:
 
 
 def make_folder(folder: Path) -> None:
-    """Make ``folder`` and those above it that are missing; the next durable write makes them durable."""
+    """Make ``folder`` and its missing parents; the next durable write makes them durable."""
     missing = [level for level in (folder, *folder.parents) if not level.exists()]
     folder.mkdir(parents=True, exist_ok=True)
     _unflushed.extend(level.absolute() for level in missing)

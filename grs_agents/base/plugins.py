@@ -1,4 +1,4 @@
-"""Classes of the user's own, found by dotted path or entry point."""
+"""User-defined classes, found by dotted path or entry point."""
 
 import sys
 from collections.abc import Callable, Iterable
@@ -35,7 +35,7 @@ def load_named_class(kind: str, name: str, group: str, builtin: Iterable[str]) -
         sys.path.append(folder)
     try:
         loaded = entries[name].load() if name in entries.names else getattr(import_module(module), attribute)
-    except Exception as error:  # whatever the user's own code raises
+    except Exception as error:  # of the user's code
         if isinstance(error, ModuleNotFoundError) and error.name == module.partition(".")[0]:
             why = f": there is no module {error.name!r} in Python's path or in the current folder"
             raise UnknownNameError(kind, name, known, why) from error
@@ -46,6 +46,6 @@ def load_named_class(kind: str, name: str, group: str, builtin: Iterable[str]) -
 
 
 def broken_class_error(kind: str, name: str, error: Exception) -> ConfigError:
-    """The error for a class of the user's own that cannot be imported or made."""
+    """The error for a user-defined class that cannot be imported or made."""
     what = f"{kind} {name!r}: {type(error).__name__}: {error}"
     return ConfigError(what, "give package.module:Class of an importable class, and the arguments that it needs")

@@ -4,8 +4,7 @@ import ast
 from threading import Lock
 
 _PARSER = Lock()
-"""CPython 3.11 counts its depth in a tree for all threads together: of two concurrent conversions one gets a
-``SystemError``."""
+"""CPython 3.11 counts the depth in a tree over all threads, so concurrent conversions can raise ``SystemError``."""
 
 MOST_CHARACTERS = 1 << 17
 """Of a source, ten times the longest published program. CPython 3.11 takes time quadratic in the fields of an f-string:

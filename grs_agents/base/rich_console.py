@@ -23,7 +23,7 @@ class EscapingConsole(Console):
         super().print(*objects, **options)
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
-        """The segments of ``renderable``, as rich asks for them; its own control codes stay."""
+        """The segments of ``renderable``; rich's control codes stay."""
         if isinstance(renderable, Text) and escape_control_chars(renderable.plain) != renderable.plain:
             # before it is wrapped, so that nothing is cut off
             renderable = Text(

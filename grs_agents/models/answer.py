@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, cast
@@ -39,7 +39,7 @@ _REFUSED = frozenset(
 `end_turn`, `eos_token`, `COMPLETE`, `endoftext` and more."""
 _MOST_TOKENS = 2**53
 ASKED = "grs_asked"
-"""Key of a message's metadata that names the model that answered, and those that had failed before."""
+"""Key of a message's metadata for the model that answered, and the models that had failed before."""
 _REASONING_FIELDS = ("reasoning_content", "reasoning", "thinking")
 """Beside the content of a message: vLLM, SGLang, llama.cpp and DeepSeek; newer vLLM and OpenRouter; Ollama."""
 _REASONING_BLOCKS = ("thinking", "reasoning", "reasoning_content")
@@ -52,7 +52,7 @@ _PARSER_REMEDY = (
 )
 
 ReplyKind = Literal["empty", "refusal", "length", "unfinished", "malformed"]
-"""``unfinished``: no finish reason, or that of an error; ``malformed``: the reply is not valid text."""
+"""``unfinished``: no finish reason, or an error's; ``malformed``: the reply is not valid text."""
 FailureKind = Literal[
     "unreachable",  # no connection could be made
     "broken_off",  # the connection ended in the middle of an answer
@@ -103,7 +103,7 @@ class ProviderFailure(GrsError):
     ) -> None:
         super().__init__(message, remedy)
         self.kind: FailureKind = kind
-        self.retryable = retryable  # whether the same request may succeed a little later
+        self.retryable = retryable  # the same request may succeed a little later
         self.retry_after = retry_after  # seconds that the provider asks to wait; None if not given
 
 
@@ -188,7 +188,7 @@ def _valid_token_count(count: int | None) -> int:
 def measure_reasoning(message: "AIMessage", body: bytes) -> tuple[str, int]:
     """Find reasoning in ``message``, else in the JSON ``body`` that the server sent.
 
-    Clients drop the fields that are not their provider's own.
+    Clients drop the fields of other providers.
 
     Returns:
         Its field and length in characters; an empty field and 0 if there is none.
@@ -200,7 +200,14 @@ def measure_reasoning(message: "AIMessage", body: bytes) -> tuple[str, int]:
     for name in _REASONING_BLOCKS:
         if length := sum(_text_length(block) for block in blocks if block.get("type") == name):
             return f"blocks of the type {name}", length
-    sent = list(_messages_in_body(body))
+    whole = _parse_json_object(body)  # else JSON lines, or a stream of events
+    sent: list[Json] = []
+    for answer in [whole] if whole else map(_parse_json_object, body.splitlines()):
+        choices = answer.get("choices")
+        for holder in (answer, *(cast("list[Any]", choices) if isinstance(choices, list) else ())):
+            if isinstance(holder, dict):
+                parts = (cast("Json", holder).get(name) for name in ("message", "delta"))
+                sent += [cast("Json", part) for part in parts if isinstance(part, dict)]
     for name in _REASONING_FIELDS:
         if length := sum(_text_length(part.get(name)) for part in sent):
             return name, length
@@ -213,18 +220,6 @@ def _text_length(value: Any) -> int:
     if isinstance(value, Mapping):
         return sum(_text_length(cast("Mapping[str, Any]", value).get(name)) for name in _REASONING_TEXTS)
     return sum(map(_text_length, cast("list[Any]", value))) if isinstance(value, list) else 0
-
-
-def _messages_in_body(body: bytes) -> Iterator[Mapping[str, Any]]:
-    """The messages of a JSON document, of JSON lines, or of a stream of events."""
-    whole = _parse_json_object(body)
-    for answer in [whole] if whole else map(_parse_json_object, body.splitlines()):
-        choices = answer.get("choices")
-        for holder in (answer, *(cast("list[Any]", choices) if isinstance(choices, list) else ())):
-            parts = (
-                (cast("Json", holder).get(name) for name in ("message", "delta")) if isinstance(holder, dict) else ()
-            )
-            yield from (cast("Json", part) for part in parts if isinstance(part, dict))
 
 
 def _parse_json_object(text: bytes) -> Json:

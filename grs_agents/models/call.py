@@ -77,11 +77,10 @@ _MALFORMED = (ValueError, TypeError, KeyError, IndexError, AttributeError, Recur
 
 @dataclass(frozen=True)
 class Retries:
-    """How long to keep trying."""
+    """Limits of the tries of a call."""
 
     tries: int = 3  # calls in all
-    # seconds from the first request to the last byte of the reply, all tries and the waits between them together; None
-    # for as long as it takes
+    # seconds from the first request to the last byte of the reply, over all tries and pauses; None for no limit
     deadline: float | None = 300.0
     first: float = 1.0  # seconds before the second try, doubled each time, unless the provider asks for a wait
     sleep: Callable[[float], None] = time.sleep  # waits for a number of seconds
@@ -94,14 +93,14 @@ class ModelHttpCall:
     server: str = ""  # scheme, host and port of the last request
     status: int | None = None  # of its response; None before one arrives
     retry_after: str = ""  # header of that response
-    over: bool = False  # whether the caller has stopped waiting
-    problem: ProviderFailure | None = None  # why its body was not read to the end
+    over: bool = False  # the caller has stopped waiting
+    problem: ProviderFailure | None = None  # the reason why its body was not read to the end
     body: bytearray = field(default_factory=bytearray)  # bytes read so far
 
 
 _running_call: ContextVar[ModelHttpCall | None] = ContextVar("running_call", default=None)
 _first_server: ContextVar[str] = ContextVar("first_server", default="")
-"""The server that the client of requests itself addressed: its sessions send redirects while they send."""
+"""The server that a client of ``requests`` itself addressed: its sessions send redirects while they send."""
 
 
 def invoke_with_retries(
@@ -133,8 +132,15 @@ def request_message(
         try:
             message = call_with_timeout(left, lambda: model.invoke(list(messages)), call)
             answer = answer_from_message(message, bytes(call.body))
-            if not answer.finish_reason and not _may_stream_reply(model):
-                answer = replace(answer, finish_reason="stop")  # a reply returned as a whole has ended
+            if not answer.finish_reason:
+                from langchain_core.language_models.chat_models import BaseChatModel
+
+                bound = getattr(model, "bound", model)
+                may_stream = not isinstance(bound, BaseChatModel) or any(
+                    getattr(type(bound), name) is not getattr(BaseChatModel, name) for name in ("_stream", "_astream")
+                )
+                if not may_stream:  # the last part of a streamed reply can get lost; a whole reply has ended
+                    answer = replace(answer, finish_reason="stop")
             return message, answer
         except GrsError:
             raise
@@ -154,28 +160,18 @@ def request_message(
     raise GrsError("no try was allowed", "set Retries.tries to 1 or more")
 
 
-def _may_stream_reply(model: "Runnable[Any, AIMessage]") -> bool:
-    """Whether a reply may be streamed, so that its last part can get lost."""
-    from langchain_core.language_models.chat_models import BaseChatModel
-
-    chat_model = getattr(model, "bound", model)
-    return not isinstance(chat_model, BaseChatModel) or any(
-        getattr(type(chat_model), name) is not getattr(BaseChatModel, name) for name in ("_stream", "_astream")
-    )
-
-
 def call_with_timeout(seconds: float | None, ask: Callable[[], Result], call: ModelHttpCall) -> Result:
-    """Call ``ask`` and wait at most ``seconds`` in all for its result; None waits as long as it takes.
+    """Call ``ask`` and wait at most ``seconds`` in all for its result; None sets no limit.
 
-    A client's own time-out holds for each read, so a server that sends a byte now and then never meets it. The call
-    runs in a thread; after a time-out that thread ends with the next bytes that arrive.
+    A client's time-out holds for each read, so a server that sends single bytes never meets it. The call runs in a
+    thread, which ends with the first bytes that arrive after the time-out.
 
     Args:
         call: filled in from its HTTP traffic.
 
     Raises:
-        TimeoutError: it took longer.
-        ProviderFailure: the body was too long, or a redirect was refused, however the client reports that.
+        TimeoutError: no result arrived in time.
+        ProviderFailure: the body was too long, or a redirect was refused.
     """
     future = Future[Result]()
     context = copy_context()
@@ -216,14 +212,26 @@ def classify_provider_error(error: Exception, call: ModelHttpCall, tries: int) -
     Args:
         error: as the client raised it.
         call: the HTTP traffic of that call.
-        tries: number of calls made, this one included.
+        tries: number of calls made, including this call.
     """
     server = f"the model's server {call.server}".rstrip()
     after = f" in {tries} tries" if tries > 1 else ""
     status = _http_status_code(error, call)
     if status is not None:
         message = f"{server} answers {status}{after}: {_redacted_error_text(error)}"
-        return _classify_status(status, message, error, call)
+        details = f"{error} {getattr(error, 'code', '')} {getattr(error, 'body', '')}"
+        if status in (400, 403) and ("content_filter" in details or "content_policy" in details):
+            return ReplyProblem("refusal", f"the model refused to answer: {message}", "rephrase the prompt")
+        if "insufficient_quota" in details:
+            return ProviderFailure("quota", message, "check the account")
+        retryable = status in RETRYABLE_STATUS
+        default: tuple[FailureKind, str] = ("server_error", _LATER)
+        if not retryable and status < 500:
+            default = ("refused_request", "check the model's name, its arguments and what it can read")
+        kind, remedy = _BY_STATUS.get(status, default)
+        return ProviderFailure(
+            kind, message, remedy, retryable, retry_after_seconds(error, call) if retryable else None
+        )
 
     chain: list[BaseException] = [error]
     while (cause := chain[-1].__cause__ or chain[-1].__context__) is not None:
@@ -240,28 +248,13 @@ def classify_provider_error(error: Exception, call: ModelHttpCall, tries: int) -
     if isinstance(error, OSError) or any(word in name for name in kinds for word in _TRANSPORT):
         return ProviderFailure("broken_off", f"{server} breaks off its answer{after}: {root}", _LATER, retryable=True)
 
-    said = f"{type(error).__name__}: {_redacted_error_text(error)}"
+    described = f"{type(error).__name__}: {_redacted_error_text(error)}"
     if call.status is not None or isinstance(error, _MALFORMED):  # an answer came, and the client could not read it
-        message = f"{server} sends what is no reply, malformed{after} ({said})"
+        message = f"{server} sends what is no reply, malformed{after} ({described})"
         return ProviderFailure("malformed", message, "check models.<role>.base_url", retryable=True)
-    return ProviderFailure("client_error", f"the model cannot be asked ({said})", "see the provider's documentation")
-
-
-def _classify_status(
-    status: int, message: str, error: Exception, call: ModelHttpCall
-) -> ProviderFailure | ReplyProblem:
-    details = f"{error} {getattr(error, 'code', '')} {getattr(error, 'body', '')}"
-    if status in (400, 403) and ("content_filter" in details or "content_policy" in details):
-        return ReplyProblem("refusal", f"the model refused to answer: {message}", "rephrase the prompt")
-    if "insufficient_quota" in details:
-        return ProviderFailure("quota", message, "check the account")
-    retryable = status in RETRYABLE_STATUS
-    default: tuple[FailureKind, str] = ("server_error", _LATER)
-    if not retryable and status < 500:
-        default = ("refused_request", "check the model's name, its arguments and what it can read")
-    kind, remedy = _BY_STATUS.get(status, default)
-    pause = retry_after_seconds(error, call) if retryable else None
-    return ProviderFailure(kind, message, remedy, retryable, pause)
+    return ProviderFailure(
+        "client_error", f"the model cannot be asked ({described})", "see the provider's documentation"
+    )
 
 
 def _http_status_code(error: Exception, call: ModelHttpCall) -> int | None:
@@ -307,7 +300,7 @@ def limit_and_record_http_client(client: Any, by_line: bool = False) -> None:
 
     Args:
         client: of httpx, of its successor httpx2, of botocore, or a maker of requests sessions (``get_session_fn``).
-        by_line: each line of a body is a JSON document of its own.
+        by_line: each line of a body is a JSON document.
     """
     if hasattr(client, "meta"):
         client.meta.events.register("before-send", partial(_send_botocore_request, client), unique_id="grs")
@@ -317,20 +310,20 @@ def limit_and_record_http_client(client: Any, by_line: bool = False) -> None:
         client.headers["accept-encoding"] = "gzip, deflate"  # these grow at most 1000 times, so a chunk stays small
         hooks: dict[str, list[Any]] = client.event_hooks
         if _record_httpx_request not in hooks["request"]:  # LangChain shares a client among models
+
+            def limit_response(response: Any) -> None:
+                _record_response(response)
+                response.iter_bytes = partial(_read_limited_chunks, response.iter_bytes, by_line)
+
             client.event_hooks = {
                 "request": [*hooks["request"], _record_httpx_request],
-                "response": [*hooks["response"], partial(_limit_httpx_response, by_line)],
+                "response": [*hooks["response"], limit_response],
             }
 
 
 def _record_httpx_request(request: Any) -> None:
     server = f"{request.url.scheme}://{request.url.netloc.decode()}"
     _record_request(server, request.extensions.setdefault(_FIRST_SERVER, server))
-
-
-def _limit_httpx_response(by_line: bool, response: Any) -> None:
-    _record_response(response)
-    response.iter_bytes = partial(_read_limited_chunks, response.iter_bytes, by_line)
 
 
 def _make_watched_session(make_session: Callable[[], Any], by_line: bool) -> Any:
@@ -390,7 +383,7 @@ def _record_response(response: Any) -> None:
 
 
 def _refuse_redirect(first: str, server: str) -> NoReturn:
-    """Raises ProviderFailure, kept in the call too, since some clients replace it by an error of their own."""
+    """Raises ProviderFailure, also kept in the call, since some clients replace it by another error."""
     message = f"the model's server {first} redirects to {redact_keys(server)[:_LONGEST_SERVER]}, which was sent nothing"
     problem = ProviderFailure("redirected", message, "name that server with models.<role>.base_url if you trust it")
     _current_call().problem = problem

@@ -1,4 +1,4 @@
-"""Make the chat model that a configuration names: ``offline``, ``provider:name`` or a class of the user's own."""
+"""Make the chat model that a configuration names: ``offline``, ``provider:name`` or a user-defined class."""
 
 import ipaddress
 import os
@@ -40,13 +40,13 @@ class Provider:
 
     module: str  # the package to import
     model_class: str  # the chat model in it
-    # where the model holds its HTTP client, so that it can be watched; empty where it holds none. Only two of the
-    # packages take a client or hooks when a model is made.
+    # attribute path of the model's HTTP client, which is watched; empty without one. Only two of the packages take a
+    # client or hooks when a model is made.
     http_client: str
-    key_variable: str  # the environment variable that holds the key by default; empty where none is needed
-    extra: str = ""  # of `grs-agents`, which installs the package; empty where it is installed by its own name
-    # the constructor's names for the key (empty where the client finds it by itself), the model, the endpoint, and the
-    # longest reply; empty where it takes none
+    key_variable: str  # default environment variable of the key; empty if none is needed
+    extra: str = ""  # of `grs-agents`, which installs the package; empty if it is installed by its name
+    # the constructor's names for the key (empty if the client finds it by itself), the model, the endpoint, and the
+    # longest reply; empty if it takes none
     key_argument: str = "api_key"
     model_argument: str = "model"
     url_argument: str = "base_url"
@@ -56,10 +56,10 @@ class Provider:
     }  # the arguments for a timeout in seconds
     # further arguments; the client's own retries are switched off, ours are in `retry`
     defaults: Mapping[str, Any] = field(default_factory=lambda: {"max_retries": 0})
-    by_line: bool = False  # whether each line of a reply is a JSON document of its own
+    by_line: bool = False  # each line of a reply is a JSON document
     variables: tuple[str, ...] = ()  # further environment variables that its client reads
     constructor: str = ""  # the class method that makes the model; empty for the class itself
-    url: str = ""  # the endpoint where the configuration names none; empty for the client's own
+    url: str = ""  # the endpoint if the configuration names none; empty for the client's default
     cleared: str = ""  # attribute of the model that is set to None after construction
 
     @property
@@ -252,9 +252,9 @@ PROVIDERS: Mapping[str, Provider] = {
     "upstage": Provider("langchain_upstage", "ChatUpstage", _OPENAI_CLIENT, "UPSTAGE_API_KEY"),
     "xai": Provider("langchain_xai", "ChatXAI", "client._client._client", "XAI_API_KEY"),
 }
-"""By the name before the colon. LangChain keeps its own table to itself, in a package that GRS can do without."""
+"""By the name before the colon. LangChain's table is private, and in a package that GRS does not need."""
 _COMMON = ("openai", "azure", "anthropic", "bedrock", "google", "ollama")
-"""Providers with an extra of their own, which errors list."""
+"""Providers with an extra, which errors list."""
 
 
 def make_chat_model(config: ModelConfig, seed: int) -> "BaseChatModel":
@@ -262,8 +262,8 @@ def make_chat_model(config: ModelConfig, seed: int) -> "BaseChatModel":
 
     Raises:
         UnknownNameError: no such provider, entry point or module.
-        ConfigError: the provider's package is not installed, its key is not set, or a class of the user's own cannot
-            be imported or made.
+        ConfigError: the provider's package is not installed, its key is not set, or a user-defined class cannot be
+            imported or made.
     """
     choices = (config, *config.fallbacks)
     models = tuple(_make_single_model(choice, seed) for choice in choices)
@@ -276,7 +276,7 @@ def make_chat_model(config: ModelConfig, seed: int) -> "BaseChatModel":
 
 
 def make_retries(choice: ModelChoice) -> Retries:
-    """How long to keep trying: the offline model, which asks nobody, and fallbacks together have no deadline."""
+    """Limits of a model's tries; the offline model, and fallbacks together, have no deadline."""
     endless = is_offline(choice.model) or (isinstance(choice, ModelConfig) and choice.fallbacks)
     return Retries(deadline=None if endless else choice.timeout)
 
@@ -311,12 +311,19 @@ def _make_single_model(choice: ModelChoice, seed: int) -> "BaseChatModel":
             what = f"models.<role>.{key} is not passed on to {choice.model!r}: {provider.model_class} takes none"
             raise ConfigError(what, "leave it out")
         settings[argument] = value
-    ours = {
-        **provider.defaults,
-        provider.model_argument: model.strip(),
-        **_api_key_argument(provider, choice),
-        **settings,
-    }
+    key_argument: dict[str, str] = {}
+    variable = choice.key_variable or provider.key_variable
+    if variable:
+        register_key_variable(variable)
+    if variable and provider.key_argument:
+        api_key = os.environ.get(variable, "") or (PLACEHOLDER_KEY if is_loopback_url(choice.base_url) else "")
+        if not api_key:
+            raise ConfigError(
+                f"model {choice.model!r} needs a key, and the environment variable {variable} is not set",
+                f"set {variable}, or name another variable with models.<role>.key_variable",
+            )
+        key_argument[provider.key_argument] = api_key
+    ours = {**provider.defaults, provider.model_argument: model.strip(), **key_argument, **settings}
     if taken := sorted(choice.arguments.keys() & ours.keys()):
         raise ConfigError(f"models.<role>.arguments holds {taken[0]}, which GRS sets itself", "leave it out")
     try:
@@ -331,13 +338,13 @@ def _make_single_model(choice: ModelChoice, seed: int) -> "BaseChatModel":
         if isinstance(error, ValidationError):  # its own text repeats the arguments, a key cut in two among them
             faults = [f"{'.'.join(map(str, fault['loc']))} {fault['msg']}".strip() for fault in error.errors()]
             text = "; ".join(faults)
-        said = redact_keys(text) or type(error).__name__
-        raise ConfigError(f"model {choice.model!r} cannot be made: {said}", "see `grs doctor`") from error
+        reason = redact_keys(text) or type(error).__name__
+        raise ConfigError(f"model {choice.model!r} cannot be made: {reason}", "see `grs doctor`") from error
     return chat_model
 
 
 def _make_user_defined_model(choice: ModelChoice) -> "BaseChatModel":
-    """Make a model of the user's own class (``Model`` in a content file) with the configured arguments."""
+    """Make a model of a user-defined class (``Model`` in a content file) with the configured arguments."""
     name = choice.model
     near = get_close_matches(name.partition(":")[0], PROVIDERS)
     listed = [provider for provider in PROVIDERS if provider in _COMMON or provider in near]
@@ -352,7 +359,7 @@ def _make_user_defined_model(choice: ModelChoice) -> "BaseChatModel":
         register_key_variable(choice.key_variable)
     try:
         chat_model = make(**choice.arguments)
-    except Exception as error:  # of the user's own code
+    except Exception as error:  # of the user's code
         raise broken_class_error("model", name, error) from error
     from langchain_core.language_models.chat_models import BaseChatModel
 
@@ -362,7 +369,7 @@ def _make_user_defined_model(choice: ModelChoice) -> "BaseChatModel":
 
 
 def list_model_variables(models: Iterable[ModelConfig]) -> frozenset[str]:
-    """The environment variables that the clients of ``models`` and their fallbacks read, whether set or not."""
+    """The environment variables that the clients of ``models`` and their fallbacks read, set or not."""
     names: set[str] = set()
     for choice in (choice for model in models for choice in (model, *model.fallbacks)):
         provider = PROVIDERS.get(choice.model.partition(":")[0])
@@ -372,7 +379,7 @@ def list_model_variables(models: Iterable[ModelConfig]) -> frozenset[str]:
 
 
 def is_provider_installed(provider: str) -> bool:
-    """Whether the package of ``provider`` can be imported."""
+    """True if the package of ``provider`` can be imported."""
     try:
         import_module(PROVIDERS[provider].module)
     except ImportError:
@@ -381,31 +388,14 @@ def is_provider_installed(provider: str) -> bool:
 
 
 def is_offline(model: str) -> bool:
-    """Whether ``model`` is the embedded model, with mistakes or without."""
+    """True for the embedded model, with or without mistakes."""
     return model.partition(":")[0] == OFFLINE
 
 
 def is_loopback_url(url: str | None) -> bool:
-    """Whether ``url`` points at this machine."""
+    """True if ``url`` points at this machine."""
     host = (urlsplit(url).hostname or "") if url else ""
     try:
         return host == "localhost" or ipaddress.ip_address(host).is_loopback
     except ValueError:
         return False
-
-
-def _api_key_argument(provider: Provider, config: ModelChoice) -> dict[str, str]:
-    variable = config.key_variable or provider.key_variable
-    if variable:
-        register_key_variable(variable)
-    if not variable or not provider.key_argument:
-        return {}
-    key = os.environ.get(variable, "")
-    if not key and is_loopback_url(config.base_url):
-        key = PLACEHOLDER_KEY
-    if not key:
-        raise ConfigError(
-            f"model {config.model!r} needs a key, and the environment variable {variable} is not set",
-            f"set {variable}, or name another variable with models.<role>.key_variable",
-        )
-    return {provider.key_argument: key}

@@ -16,7 +16,7 @@ _FOR_GOOD = ("unreachable", "credentials", "quota", "not_found", "redirected")
 
 
 class FallbackChatModel(BaseChatModel):
-    """Asks its models in turn until a reply is usable; the reply's metadata name the model, and those that failed."""
+    """Asks its models in turn until a reply is usable; the reply's metadata name that model and the failed models."""
 
     names: tuple[str, ...]
     models: tuple[BaseChatModel, ...]

@@ -4,8 +4,7 @@ import os
 
 REMOVED = "[removed]"
 _SHORTEST = 8
-"""Characters. A shorter value, such as the ``none`` that a local server is content with, is no secret, and would be
-found in any program."""
+"""Characters. A shorter value, such as ``none`` for a local server, is no secret and occurs in any program."""
 _variables = {"OLLAMA_API_KEY", "AWS_SESSION_TOKEN", "AWS_BEARER_TOKEN_BEDROCK"}  # clients read these by themselves
 
 
@@ -17,7 +16,7 @@ def register_key_variable(variable: str) -> None:
 def redact_keys(text: str) -> str:
     """Remove from a provider's text the keys that this process knows, and replace text that UTF-8 cannot encode.
 
-    Every text that comes from a provider, errors included, passes here before anything else is done with it.
+    Every text from a provider, errors included, passes here before any other use.
     """
     keys = {os.environ.get(name, "").strip() for name in _variables}
     for key in sorted(keys, key=len, reverse=True):  # a key may be a prefix of another

@@ -63,9 +63,9 @@ def test_after_an_unusable_reply_the_model_is_shown_it_with_what_is_wrong(tmp_pa
     agents = scripted(tmp_path, [BAD, GOOD])
     assert isinstance(ask(agents), RouterReply)
     first, second = agents.script.asked
-    question, own, complaint = second
+    question, custom, complaint = second
     assert [question] == first
-    assert isinstance(own, AIMessage) and own.text == BAD
+    assert isinstance(custom, AIMessage) and custom.text == BAD
     assert isinstance(complaint, HumanMessage) and "fix_code or fix_test" in complaint.text
     assert [prompt.text for prompt, _ in exchanges(agents)] == [question.text, complaint.text]
     assert [reply.text for _, reply in exchanges(agents)] == [BAD, GOOD]

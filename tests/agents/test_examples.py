@@ -36,7 +36,7 @@ def example(name: str, family: str, words: str) -> Example:
 def test_the_nearest_example_is_the_one_that_shows_how(name: str) -> None:
     chosen = select_nearest_examples(read_examples(FOLDER), task(*TASKS[name]), count=3, seed=0)
     assert chosen[0].name == name
-    assert len({one.name for one in chosen}) == 3
+    assert len({item.name for item in chosen}) == 3
 
 
 def test_endings_capitals_and_spelling_do_not_matter() -> None:
@@ -49,13 +49,13 @@ def test_no_family_fills_the_prompt() -> None:
     chosen = select_nearest_examples(
         [*examples, example("p", "Packing", "pack")], task("stack", "stack blocks", ("z",)), 3, seed=0
     )
-    assert [one.family for one in chosen] == ["Stacking", "Stacking", "Packing"]
+    assert [item.family for item in chosen] == ["Stacking", "Stacking", "Packing"]
 
 
 def test_equals_are_taken_by_the_seed_and_the_choice_is_repeatable() -> None:
     examples = [example(str(index), str(index), "same words") for index in range(4)]
     wanted = task("other", "nothing in common", ("z",))
-    chosen = {seed: [one.name for one in select_nearest_examples(examples, wanted, 2, seed)] for seed in (0, 3, 7)}
+    chosen = {seed: [item.name for item in select_nearest_examples(examples, wanted, 2, seed)] for seed in (0, 3, 7)}
     assert chosen == {0: ["0", "1"], 3: ["3", "0"], 7: ["3", "0"]}
 
 

@@ -51,7 +51,7 @@ def test_another_prompt_has_another_first_half(other: str) -> None:
 def test_equal_prompts_get_their_replies_in_order_and_each_once() -> None:
     replies = RecordedReplies([(digest(BOX), reply("one")), (digest("?"), reply("two")), (digest(BOX), reply("three"))])
     taken = [replies.take_reply(digest(BOX)) for _ in range(3)]
-    assert [one and one.text for one in taken] == ["one", "three", None]
+    assert [item and item.text for item in taken] == ["one", "three", None]
 
 
 def test_a_recording_of_another_machine_answers_after_what_fits_exactly() -> None:
@@ -59,17 +59,17 @@ def test_a_recording_of_another_machine_answers_after_what_fits_exactly() -> Non
     strict, tolerant = RecordedReplies(exchanges), RecordedReplies(exchanges, tolerant=True)
     assert strict.take_reply(digest("0.3 m")) is None
     taken = [tolerant.take_reply(digest(text)) for text in ("0.2 m", "0.3 m", "0.3 m", "3 feet")]
-    assert [one and one.text for one in taken] == ["exact", "near", None, None]
+    assert [item and item.text for item in taken] == ["exact", "near", None, None]
 
 
 def test_a_repeated_run_that_was_interrupted_goes_on_behind_what_it_was_given() -> None:
-    said = [reply(text).model_copy(update={"call": text}) for text in ("one\n\n two", "three")]
-    prompts = [Prompt(call=one.call, role="task", model="any", text=BOX, digest=digest(BOX)) for one in said]
-    exchanges = collect_exchanges([*prompts, *reversed(said)])
+    replies = [reply(text).model_copy(update={"call": text}) for text in ("one\n\n two", "three")]
+    prompts = [Prompt(call=item.call, role="task", model="any", text=BOX, digest=digest(BOX)) for item in replies]
+    exchanges = collect_exchanges([*prompts, *reversed(replies)])
     nothing = dict.fromkeys(("version", "scene", "status", "reason"), "")
     cassette = Cassette(**nothing, settings={}, files={}, exchanges=exchanges)
     first = cassette.remaining_replies([]).take_reply(digest(BOX))
-    second = cassette.remaining_replies([prompts[0], said[0], prompts[1]]).take_reply(digest(BOX))
+    second = cassette.remaining_replies([prompts[0], replies[0], prompts[1]]).take_reply(digest(BOX))
     assert first and second and [first.text, second.text] == ["one\n\n two", "three"]
 
 
@@ -77,4 +77,4 @@ def test_threads_that_ask_at_once_get_each_reply_once() -> None:
     replies = RecordedReplies((digest(BOX), reply(str(number))) for number in range(200))
     with ThreadPoolExecutor(8) as threads:
         taken = list(threads.map(lambda _: replies.take_reply(digest(BOX)), range(250)))
-    assert sorted(int(one.text) for one in taken if one) == list(range(200))
+    assert sorted(int(item.text) for item in taken if item) == list(range(200))

@@ -1,6 +1,7 @@
 """Of a reply the answer alone is read, whatever a model says around it, and all that is wrong with it is told."""
 
 import json
+import re
 from typing import Any
 
 import pytest
@@ -11,9 +12,11 @@ from grs_agents.agents.reply import (
     ReplyError,
     extract_python_program,
     extract_test_program,
+    join_problems,
+    list_problems,
     parse_json,
-    parse_json_rows,
     parse_verdict,
+    read_json_rows,
 )
 from grs_agents.agents.types import Match, SegmentReply, TaskDefinition
 
@@ -103,6 +106,10 @@ def test_a_program_keeps_the_marks_of_thoughts_in_it(before: str, line: str, aft
 def test_json_keeps_the_marks_of_thoughts_in_it(reason: str) -> None:
     said = json.dumps({"match": "no_asset", "reason": reason})
     assert match(said) == match(f"```json\n{said}\n```") == match(f"<think>so</think>\n{said}") == reason
+
+
+def test_a_fence_with_an_info_string_closes_no_block() -> None:
+    assert match(f"```json\n{ANSWER}\n```\nAs in\n```text\n```json, then </think> in a line\n```\n") == "answer"
 
 
 def test_an_explanation_holds_no_thoughts() -> None:
@@ -199,8 +206,9 @@ def test_rows_are_read_in_each_form(form: str) -> None:
     old = row(2, color="old")
     text = form.replace("{0}", row(2)) if "{0}" in form else form
     text = text.replace("{1}", row(1)).replace("{2}", old if "{0}" in form else row(2))
-    replies = {reply.id: reply for reply in parse_json_rows(text, SegmentReply)}
-    assert {number: reply.color for number, reply in replies.items()} == {1: "white", 2: "white"}
+    rows = read_json_rows(text, SegmentReply)
+    assert not list_problems(rows)
+    assert {row.parsed.id: row.parsed.color for row in rows if row.parsed} == {1: "white", 2: "white"}
 
 
 WEAK = [
@@ -261,18 +269,18 @@ def test_all_that_is_wrong_is_told_at_once(fence: str) -> None:
         row(4, color=7),
     ]
     comma = "," if "[" in fence else ""
-    with pytest.raises(ReplyError) as caught:
-        parse_json_rows(fence.replace("{}", f"{comma}\n".join(rows)), SegmentReply)
-    told = str(caught.value).split("; ")
-    assert [one.partition(":")[0] for one in told] == ["object 1 (id 1)"] * 2 + ["object 3", "object 4 (id 4)"]
-    assert "is_object" in told[0] and "'perhaps'" in told[0] and "'the mug'" in told[1]
-    assert "not JSON" in told[2] and '"shape"' not in told[1] and "color" in told[3]
+    problems = list_problems(read_json_rows(fence.replace("{}", f"{comma}\n".join(rows)), SegmentReply))
+    places = [problem.partition(":")[0] for problem in problems]
+    assert places == ["object 1 (id 1)"] * 2 + ["object 3", "object 4 (id 4)"]
+    assert "is_object" in problems[0] and "'perhaps'" in problems[0] and "'the mug'" in problems[1]
+    assert "not JSON" in problems[2] and '"shape"' not in problems[1] and "color" in problems[3]
 
 
 def test_very_many_problems_are_cut_short() -> None:
-    with pytest.raises(ReplyError, match=r"and \d+ more") as caught:
-        parse_json_rows("\n".join(["{}"] * 20 + [row(9, color=7)] * 40), SegmentReply)
-    assert len(str(caught.value)) < 4000
+    rows = read_json_rows("\n".join(["{}"] * 20 + [row(9, color=7)] * 40), SegmentReply)
+    text = join_problems(list_problems(rows))
+    assert re.search(r"and \d+ more$", text)
+    assert len(text) < 4000
 
 
 @pytest.mark.parametrize(
@@ -386,7 +394,7 @@ PIECES = st.sampled_from(
 
 @given(st.text() | st.lists(PIECES).map("".join))
 def test_any_text_is_parsed_or_refused(text: str) -> None:
-    for parse in (extract_python_program, parse_verdict, match, lambda reply: parse_json_rows(reply, SegmentReply)):
+    for parse in (extract_python_program, parse_verdict, match, lambda reply: read_json_rows(reply, SegmentReply)):
         try:
             parse(text)
         except ReplyError as error:
@@ -396,10 +404,10 @@ def test_any_text_is_parsed_or_refused(text: str) -> None:
 @given(st.dictionaries(st.sampled_from(["match", "asset", "reason", "more"]), st.none() | st.text() | st.integers()))
 def test_any_object_is_parsed_or_refused(value: dict[str, object]) -> None:
     try:
-        found = parse_json(f"```json\n{json.dumps(value)}\n```", Match)
+        parsed = parse_json(f"```json\n{json.dumps(value)}\n```", Match)
     except ReplyError:
         return
-    assert found.match in ("asset", "no_asset", "no_object")
+    assert parsed.match in ("asset", "no_asset", "no_object")
 
 
 @given(st.text(), st.text(alphabet="<>/think \n`'\""))

@@ -82,8 +82,8 @@ def test_what_a_segment_is_a_part_of_is_read_where_it_has_one_meaning(
 def test_the_describer_is_told_all_that_is_wrong_at_once(tmp_path: Path) -> None:
     outcome = describe(tmp_path, f"{row(1, 9)}\n{row(2, color=7)}", (1, 2, 3))
     assert isinstance(outcome, NoReply)
-    for told in ("id 2): color", "no object with the id 3", "segment 1: part_of is 9"):
-        assert told in outcome.problem
+    for text in ("id 2): color", "no object with the id 3", "segment 1: part_of is 9"):
+        assert text in outcome.problem
     assert "id 2," not in outcome.problem
 
 

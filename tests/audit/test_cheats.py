@@ -89,8 +89,8 @@ def later_goals_met_before_it_begins(task: Trial, env: Environment) -> None:
     others = [env.add_object(GREEN, ((x, 0.3, 0.02), FLAT)) for x in (0.4, 0.5, 0.6)]
     task.want(env.add_object(RED, A), 0.5, -0.1, 0.01)
     task.want(env.add_object(BLUE, B), 0.6, 0.0, 0.01)
-    for other, x in zip(others, (0.4, 0.5, 0.6), strict=True):
-        task.want(other, x, 0.3, 0.98 / 3)
+    for rival, x in zip(others, (0.4, 0.5, 0.6), strict=True):
+        task.want(rival, x, 0.3, 0.98 / 3)
 
 
 def unmet_goal_without_weight(task: Trial, env: Environment) -> None:
@@ -365,8 +365,8 @@ def told() -> TaskInWords:
 def test_words_that_people_would_take_otherwise_are_found(
     told: TaskInWords, words: str, other_texts: tuple[str, ...], verdict: str, why: str
 ) -> None:
-    found, reason = judge_words(words, told, other_texts)
-    assert found == verdict and why in reason, reason
+    answer, reason = judge_words(words, told, other_texts)
+    assert answer == verdict and why in reason, reason
 
 
 PROGRAM = """\

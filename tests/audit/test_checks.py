@@ -53,14 +53,14 @@ def altered(asset: str, **changes: Any) -> list[TaskInstance]:
     """The instances, with other values of the object of an asset."""
     good = [instance(seed, MILK, CAN, ZONE) for seed in range(3)]
     return [
-        one.model_copy(
+        entry.model_copy(
             update={
                 "objects": tuple(
-                    item.model_copy(update=changes) if item.asset == asset else item for item in one.objects
+                    item.model_copy(update=changes) if item.asset == asset else item for item in entry.objects
                 )
             }
         )
-        for one in good
+        for entry in good
     ]
 
 
@@ -164,12 +164,22 @@ def test_how_two_bystanders_stand_is_not_the_programs_doing() -> None:
         for number, y in ((8, 0.3), (9, 0.33))
     ]
     crowded = [
-        TaskInstance.model_validate({**one.model_dump(), "objects": [*one.model_dump()["objects"], *beside]})
-        for one in altered(MILK)
+        TaskInstance.model_validate({**entry.model_dump(), "objects": [*entry.model_dump()["objects"], *beside]})
+        for entry in altered(MILK)
     ]
     among = {"first": 8, "second": 9, "depth": 0.01}
     assert "clear_start" not in failed(judge(instances=crowded, rollouts=rollouts(overlaps=[among])))
     assert "clear_start" in failed(judge(instances=crowded, rollouts=rollouts(overlaps=[{**among, "first": 0}])))
+
+
+def test_a_nudge_counts_in_the_last_goal_of_an_object() -> None:
+    good = instance(0, MILK, CAN, ZONE)
+    [far] = good.goals
+    near = far.model_copy(update={"objects": (0,), "matches": ((1,),), "symmetries": (0.0,)})
+    near = near.model_copy(update={"targets": (((0.5, 0.12, 0.095), UPRIGHT),)})
+    first, last = (good.model_copy(update={"goals": goals}) for goals in ((near, far), (far, near)))
+    assert "moves_far" not in failed(judge(instances=[first], rollouts=[rollout(0)]))
+    assert "moves_far" in failed(judge(instances=[last], rollouts=[rollout(0)]))
 
 
 def test_a_good_task_is_accepted() -> None:
@@ -293,10 +303,10 @@ def test_what_the_photo_shows_has_a_purpose_or_is_left_as_a_bystander() -> None:
 
     def without_goal(role: str) -> list[TaskInstance]:
         whole = [instance(seed, MILK, CAN, ZONE).model_dump() for seed in range(3)]
-        for one in whole:
-            one["goals"][0].update(objects=(0,), matches=((1,),), symmetries=(0.0,))
-            one["objects"][1].update(category="fixed", role=role)
-        return [TaskInstance.model_validate(one) for one in whole]
+        for entry in whole:
+            entry["goals"][0].update(objects=(0,), matches=((1,),), symmetries=(0.0,))
+            entry["objects"][1].update(category="fixed", role=role)
+        return [TaskInstance.model_validate(entry) for entry in whole]
 
     stays = {1: (PLACES[CAN], UPRIGHT)}
     done = rollouts(final={0: ((0.5, -0.1, 0.1), UPRIGHT), **stays})
@@ -310,17 +320,17 @@ def test_what_the_photo_shows_has_a_purpose_or_is_left_as_a_bystander() -> None:
 def test_a_task_that_speaks_of_chance_has_seeds_that_differ() -> None:
     random = TASK.model_copy(update={"description": "Put the milk and the can on a random place of the zone."})
     assert failed(judge(task=random)) == {"seeds_differ"}
-    one = [instance(seed, MILK, CAN, ZONE, moved_by=0.001 * seed) for seed in range(3)]
-    assert judge(task=random, instances=one).accepted
+    instances = [instance(seed, MILK, CAN, ZONE, moved_by=0.001 * seed) for seed in range(3)]
+    assert judge(task=random, instances=instances).accepted
 
 
 def test_a_fixture_that_the_task_does_not_use_is_named() -> None:
     """A mark at the far end of the table, on which nothing starts or ends."""
     far = [instance(seed, MILK, CAN, ZONE).model_dump() for seed in range(3)]
-    for one in far:
-        mark = next(item for item in one["objects"] if item["asset"] == ZONE)
+    for entry in far:
+        mark = next(item for item in entry["objects"] if item["asset"] == ZONE)
         mark.update(pose=((0.4, 0.45, 0.001), UPRIGHT))
-        one["goals"][0].update(metric="pose", zones=())
-    report = judge(instances=[TaskInstance.model_validate(one) for one in far])
-    finding = next(one for one in report.findings if one.check == "objects_have_goals")
+        entry["goals"][0].update(metric="pose", zones=())
+    report = judge(instances=[TaskInstance.model_validate(entry) for entry in far])
+    finding = next(entry for entry in report.findings if entry.check == "objects_have_goals")
     assert not finding.passed and ZONE in finding.measured, finding

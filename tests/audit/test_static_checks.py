@@ -112,6 +112,11 @@ def test_a_message_names_the_nearest_right_names() -> None:
     assert "HOPE/Tuna.urdf" in next(item.message for item in findings if item.kind == "unknown_asset")
 
 
+@pytest.mark.parametrize("lines", ['exec("hidden = 1")\nprint(hidden)', "from math import *\nprint(sin(1))"])
+def test_names_that_the_source_may_bind_unseen_are_not_reported(lines: str) -> None:
+    assert found(f"{SIMULATION}\n\n{lines}\n") == []
+
+
 def test_the_example_programs_show_nothing_but_another_task() -> None:
     library = Library()
     wrong: list[str] = []

@@ -56,7 +56,7 @@ def test_content_files_do_not_know_each_other() -> None:
     for kind in ("graphs", "tools", "evals"):
         for name in content.content_names(kind):
             text = shared.sub("", content.content_path(kind, name).read_text(encoding="utf-8"))
-            assert not any(f"{word} {other}." in text for word in ("import", "from") for other in content.KINDS)
+            assert not any(f"{word} {kind}." in text for word in ("import", "from") for kind in content.KINDS)
 
 
 def test_an_overlay_adds_names_and_loads(overlay: Path) -> None:

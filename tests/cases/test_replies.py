@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.agents.reply import extract_python_program, parse_json_rows
+from grs_agents.agents.reply import extract_python_program, read_json_rows
 from grs_agents.agents.types import SegmentReply
 from tests.cases.public_cases import copy_case
 
@@ -18,7 +18,9 @@ def read(name: str, folder: Path) -> str:
 
 @pytest.mark.parametrize("name", ["reply_crlf", "reply_jsonl_tag", "reply_think_draft_json", "reply_think_unopened"])
 def test_the_objects_of_a_reply(name: str, tmp_path: Path) -> None:
-    [reply] = parse_json_rows(read(name, tmp_path), SegmentReply)
+    [row] = read_json_rows(read(name, tmp_path), SegmentReply)
+    reply = row.parsed
+    assert reply is not None
     assert (reply.id, reply.is_object, reply.description, reply.open_top) == (1, True, "A box.", False)
 
 

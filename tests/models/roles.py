@@ -27,8 +27,8 @@ def block(reply: str, language: str) -> str:
 def task_for(scene: Json, seed: int = 0) -> Json:
     """A task definition for a scene; an empty one where the model has none to offer."""
     reply = OfflineChatModel(seed=seed).invoke(render("task", {"scene": as_text(scene), "fixtures": ""}))
-    found: Json = json.loads(block(str(reply.text), "json")) if "```" in str(reply.text) else {}
-    return found
+    results: Json = json.loads(block(str(reply.text), "json")) if "```" in str(reply.text) else {}
+    return results
 
 
 def simulation_for(task: Json, scene: Json, seed: int = 0) -> str:

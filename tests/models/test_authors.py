@@ -96,9 +96,9 @@ def test_two_objects_move_even_if_only_some_pairs_leave_room_for_a_target() -> N
 def test_things_called_alike_are_told_by_their_height_or_counted() -> None:
     boxes = [scene_object(f"box_{n}", (0.4, -0.3 + 0.15 * n), (0.06, 0.06, 0.03 + 0.04 * n)) for n in range(3)]
     cans = [scene_object(f"can_{n}", (0.55, -0.2 + 0.15 * n), (0.06, 0.06, 0.08), "blue", "can") for n in range(2)]
-    said = " ".join(task_for({"objects": [*boxes, *cans]}, seed)["task-description"] for seed in range(30))
-    assert {"lowest red box", "tallest red box"} <= set(re.findall(r"the (\w+ red box)", said))
-    assert not re.search(r"the red box|the blue can\b", said)
+    words = " ".join(task_for({"objects": [*boxes, *cans]}, seed)["task-description"] for seed in range(30))
+    assert {"lowest red box", "tallest red box"} <= set(re.findall(r"the (\w+ red box)", words))
+    assert not re.search(r"the red box|the blue can\b", words)
 
 
 def test_marks_that_could_take_each_others_place_stand_where_they_were_planned() -> None:

@@ -27,7 +27,7 @@ CLIENTS = [
     for name, provider in PROVIDERS.items()
     if provider.http_client
     and provider.url_argument
-    and all(other is not provider for other in list(PROVIDERS.values())[: list(PROVIDERS).index(name)])
+    and all(earlier is not provider for earlier in list(PROVIDERS.values())[: list(PROVIDERS).index(name)])
     # two ask their cloud for a token first, the third retries by itself
     and name not in ("bedrock_mantle_openai", "google_anthropic_vertex", "cohere")
 ]
@@ -115,8 +115,8 @@ def whole(to: BaseHTTPRequestHandler, body: bytes, status: int = 200, kind: str 
 
 
 def error(status: int, code: str = "x") -> Callable[[BaseHTTPRequestHandler, str], None]:
-    told = {"message": "told so", "type": "api_error", "code": code, "status": "X"}
-    body = json.dumps({"type": "error", "error": told, "message": f"told so {code}"}).encode()
+    error_json = {"message": "told so", "type": "api_error", "code": code, "status": "X"}
+    body = json.dumps({"type": "error", "error": error_json, "message": f"told so {code}"}).encode()
     return lambda to, protocol: whole(to, body, status)
 
 
@@ -240,10 +240,10 @@ def ask(provider: str, url: str, deadline: float = 60.0) -> tuple[Answer | Provi
 def test_every_failure_has_its_type(provider: str, mode: str, server: Server) -> None:
     server.mode = mode
     failure, waits = ask(provider, server.url, 0.5 if mode == "drip" else 60.0)
-    _, kind, asked = MODES[mode]
+    _, kind, requests = MODES[mode]
     assert not isinstance(failure, Answer)
-    assert (failure.kind, server.asked) == (kind, asked), failure
-    assert len(waits) == asked - 1
+    assert (failure.kind, server.asked) == (kind, requests), failure
+    assert len(waits) == requests - 1
     assert isinstance(failure, ReplyProblem) == (kind in ("empty", "refusal", "length"))
     if isinstance(failure, ProviderFailure):
         assert server.url in failure.message and failure.remedy

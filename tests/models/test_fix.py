@@ -7,7 +7,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from grs_agents.models.offline import program_edits
-from grs_agents.models.offline.report_evidence import parse_report_evidence
+from grs_agents.models.offline.router import parse_report_evidence
 from tests.models.conftest import Json, rich_scene, scenes
 from tests.models.roles import fixed_code, fixed_tests, simulation_for, task_for, unit_tests_for
 
@@ -85,8 +85,8 @@ def test_a_program_gets_the_name_that_its_tests_import(made: tuple[Json, Json, s
     scene, task, code = made
     wrong = program_edits.replace_identifier(code, program_edits.find_task_class_name(code), "Other")
     assert wrong is not None
-    said = error("ImportError", "cannot import name 'PlaceThings' from 'task_code'", "tests")
-    assert fixed_code(task, scene, wrong, said, tests=unit_tests_for(task, code)) == code
+    words = error("ImportError", "cannot import name 'PlaceThings' from 'task_code'", "tests")
+    assert fixed_code(task, scene, wrong, words, tests=unit_tests_for(task, code)) == code
 
 
 def test_a_program_that_is_not_python_is_written_anew(made: tuple[Json, Json, str]) -> None:

@@ -216,8 +216,8 @@ def test_the_names_of_a_cut_and_of_a_filter_are_known(metadata: dict[str, Any], 
 
 def message(field: str, value: Any, content: Any = None) -> bytes:
     """A completion whose message has another field too."""
-    said = {"role": "assistant", "content": content, field: value}
-    return completion(None, choices=[{"index": 0, "message": said, "finish_reason": "stop"}])
+    words = {"role": "assistant", "content": content, field: value}
+    return completion(None, choices=[{"index": 0, "message": words, "finish_reason": "stop"}])
 
 
 @pytest.mark.parametrize("field", ["reasoning_content", "reasoning"])

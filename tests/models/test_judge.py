@@ -7,6 +7,7 @@ import pytest
 
 from grs_agents.audit.goal_sentences import TaskInWords, describe_task_in_words
 from grs_agents.library.library import Library
+from grs_agents.models.offline.judging.reading import Phrase, read_request_words
 from grs_agents.sim import TaskInstance, rollout
 from tests.models.conftest import Json
 from tests.models.roles import judge
@@ -82,7 +83,7 @@ def tell(name: str) -> TaskInWords:
         for number, (asset, position, category) in THINGS.items()
     ]
     plain: dict[str, Any] = {"task": "T", "seed": 0, "max_steps": 8, "timestep": 0.004, "sixdof": False}
-    goals = [goal(one) | {"max_reward": 1 / len(asked)} for one in asked]
+    goals = [goal(item) | {"max_reward": 1 / len(asked)} for item in asked]
     instance, library = TaskInstance.model_validate({**plain, "objects": objects, "goals": goals}), Library()
     done = rollout(instance, library)
     assert done.episode.outcome == "success", done.episode.detail
@@ -262,3 +263,10 @@ def test_further_words_may_say_less_and_nothing_else(task: str, said: str, agree
     words = next(words for name, words in HONEST if name == task)
     verdict, reason = judge(words, tell(task), [said])
     assert (verdict == "agrees") == agrees, reason
+
+
+def test_a_colour_may_be_part_of_a_name() -> None:
+    nouns = {"orange", "juice", "box"}
+    [request] = read_request_words("put the orange juice in the orange box", nouns).requests
+    assert request.movers == [Phrase(("orange", "juice"), article="the")]
+    assert request.relations == [("in", [Phrase(("box",), ("orange",), article="the")])]

@@ -33,8 +33,8 @@ def ask(role: str, values: dict[str, str], image: np.ndarray | None = None) -> J
         data = base64.b64encode(cv2.imencode(".png", image)[1].tobytes()).decode()
         blocks.append({"type": "image", "base64": data, "mime_type": "image/png"})
     blocks.append({"type": "text", "text": render(role, values)})
-    found: Json = json.loads(block(str(OfflineChatModel().invoke([HumanMessage(content=blocks)]).text), "json"))
-    return found
+    results: Json = json.loads(block(str(OfflineChatModel().invoke([HumanMessage(content=blocks)]).text), "json"))
+    return results
 
 
 def measured(size: tuple[float, float, float], rgb: tuple[float, float, float], outline: str = "box") -> Json:
@@ -42,8 +42,8 @@ def measured(size: tuple[float, float, float], rgb: tuple[float, float, float], 
 
 
 def described(size: tuple[float, float, float], color: str, what: str = "box") -> Json:
-    told = {"description": f"A {color} {what}", "color": color, "shape": what, "category": what}
-    return {**measured(size, (0.5, 0.5, 0.5)), **told}
+    text = {"description": f"A {color} {what}", "color": color, "shape": what, "category": what}
+    return {**measured(size, (0.5, 0.5, 0.5)), **text}
 
 
 def crop(bgr: tuple[int, int, int]) -> np.ndarray:
@@ -59,10 +59,10 @@ def crop(bgr: tuple[int, int, int]) -> np.ndarray:
 )
 def test_the_colour_comes_from_the_object_not_from_the_dark_margin(bgr: tuple[int, int, int], name: str) -> None:
     rgb = (bgr[2] / 255, bgr[1] / 255, bgr[0] / 255)
-    said = ask("describe", {"pictures": "", "segments": json.dumps(measured((0.1, 0.1, 0.1), rgb))}, crop(bgr))
-    assert said["color"] == name
-    assert name in said["description"]
-    assert said["is_object"] is True
+    words = ask("describe", {"pictures": "", "segments": json.dumps(measured((0.1, 0.1, 0.1), rgb))}, crop(bgr))
+    assert words["color"] == name
+    assert name in words["description"]
+    assert words["is_object"] is True
 
 
 @pytest.mark.parametrize("size", [(0.2, 0.2, 0.003), (0.005, 0.3, 0.1), (0.9, 0.5, 0.2)])
@@ -83,9 +83,9 @@ def test_slivers_and_furniture_are_no_objects(size: tuple[float, float, float]) 
 def test_every_measurement_gets_a_whole_description(
     size: tuple[float, float, float], rgb: tuple[float, float, float], outline: str
 ) -> None:
-    said = ask("describe", {"pictures": "", "segments": json.dumps(measured(size, rgb, outline))})
-    assert {"id", "is_object", "description", "color", "shape", "category"} <= set(said)
-    assert all(said[key] for key in ("description", "color", "shape", "category"))
+    words = ask("describe", {"pictures": "", "segments": json.dumps(measured(size, rgb, outline))})
+    assert {"id", "is_object", "description", "color", "shape", "category"} <= set(words)
+    assert all(words[key] for key in ("description", "color", "shape", "category"))
 
 
 def match(candidate: Json) -> Json:
@@ -117,7 +117,7 @@ def test_lying_objects_are_matched() -> None:
     ids=["colour", "height", "two alike", "size"],
 )
 def test_no_asset_rather_than_a_wrong_one(candidate: Json) -> None:
-    said = match(candidate)
-    assert said["match"] == "no_asset"
-    assert said["asset"] is None
-    assert said["reason"]
+    words = match(candidate)
+    assert words["match"] == "no_asset"
+    assert words["asset"] is None
+    assert words["reason"]

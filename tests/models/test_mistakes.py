@@ -23,14 +23,14 @@ def programs(seed: int) -> tuple[dict[str, object], dict[str, str]]:
 
 @pytest.mark.parametrize("mistake", MISTAKES, ids=lambda mistake: f"{mistake.program}-{mistake.name}")
 def test_each_mistake_changes_some_program_and_is_mended(mistake: Mistake) -> None:
-    made = 0
+    built = 0
     for seed in range(6):
         task, right = programs(seed)
         wrong = mistake.apply(right[mistake.program], random.Random(seed))
         assert wrong == mistake.apply(right[mistake.program], random.Random(seed))
         if wrong is None:
             continue
-        made += 1
+        built += 1
         assert wrong != right[mistake.program]
         if mistake.name != "syntax":
             ast.parse(wrong)
@@ -39,7 +39,7 @@ def test_each_mistake_changes_some_program_and_is_mended(mistake: Mistake) -> No
             assert fixed_code(task, rich_scene(), wrong, "", tests=tests) == simulation
         else:
             assert fixed_tests(task, simulation, wrong, "") == tests
-    assert made
+    assert built
 
 
 @pytest.mark.parametrize("text", ["", "x = 1", "class A(Task", "moves = [(1,), (2,)]", "def f():\n    return total, 1"])
@@ -57,9 +57,9 @@ def test_mistakes_are_as_frequent_as_the_name_says() -> None:
         prompt = render("simulation", values)
         right = OfflineChatModel(seed=seed).invoke(prompt).text
         for name in counts:
-            said = make_offline_model(name, seed).invoke(prompt).text
-            assert seed > 4 or said == make_offline_model(name, seed).invoke(prompt).text
-            counts[name] += said != right
+            words = make_offline_model(name, seed).invoke(prompt).text
+            assert seed > 4 or words == make_offline_model(name, seed).invoke(prompt).text
+            counts[name] += words != right
         wanting = {"tests": "", "test_results": "", "history": "", "explanation": ""}  # fixes are no better
         mend = render("fix_code", {**values, **wanting, "code": "import nothing"})
         if seed < 10:

@@ -36,8 +36,8 @@ def ask(config: ModelConfig) -> Answer:
 
 
 def test_a_class_by_its_dotted_path_is_made_with_its_arguments() -> None:
-    made = make_chat_model(model(OWN, "models.arguments.replies=['yes']"), seed=0)
-    assert type(made).__name__ == "ScriptedModel" and made.model_dump()["replies"] == ["yes"]
+    built = make_chat_model(model(OWN, "models.arguments.replies=['yes']"), seed=0)
+    assert type(built).__name__ == "ScriptedModel" and built.model_dump()["replies"] == ["yes"]
 
 
 @pytest.mark.parametrize(
@@ -78,7 +78,7 @@ def test_a_list_is_a_model_and_its_fallbacks_which_share_its_time_but_not_its_en
         '["openai:a", "ollama:b", {model = "offline", timeout = 5}]', "models.base_url=http://a", "models.timeout=9"
     )
     assert (config.model, config.base_url) == ("openai:a", "http://a")
-    assert [(one.model, one.base_url, one.timeout) for one in config.fallbacks] == [
+    assert [(item.model, item.base_url, item.timeout) for item in config.fallbacks] == [
         ("ollama:b", None, 9),
         ("offline", None, 5),
     ]
@@ -90,9 +90,9 @@ def test_the_next_model_is_asked_where_one_fails_for_good(server: tuple[Scripted
     script, url = server
     script.say(401, {"error": {"message": "wrong key", "type": "x", "code": None}})
     config = model('["openai:a", "offline"]', f"models.base_url={url}")
-    made = make_chat_model(config, seed=0)
+    built = make_chat_model(config, seed=0)
     for _ in range(2):
-        answer = invoke_with_retries(made, [HumanMessage("hi")], make_retries(config))
+        answer = invoke_with_retries(built, [HumanMessage("hi")], make_retries(config))
         assert answer.model == "offline" and "# Role:" in answer.text
     assert len(script.requests) == 1
 
@@ -102,8 +102,8 @@ def test_a_refusal_is_passed_on_to_the_next_but_that_model_is_asked_again(server
     script, url = server
     script.complete(None, "stop", refusal="I cannot")
     script.complete("hello")
-    made = make_chat_model(config := model('["openai:a", "offline"]', f"models.base_url={url}"), seed=0)
-    answers = [invoke_with_retries(made, [HumanMessage("hi")], make_retries(config)) for _ in range(2)]
+    built = make_chat_model(config := model('["openai:a", "offline"]', f"models.base_url={url}"), seed=0)
+    answers = [invoke_with_retries(built, [HumanMessage("hi")], make_retries(config)) for _ in range(2)]
     assert [answer.model for answer in answers] == ["offline", "openai:a"]
     assert "I cannot" in answers[0].failed[0]
 

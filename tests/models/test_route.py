@@ -51,8 +51,8 @@ HEAD = "== tests\nfailed: 0 of 1 tests passed\n"
     ],
 )
 def test_verdicts(report: str, verdict: str, told: str) -> None:
-    said, explanation = verdict_on(report)
-    assert said == verdict
+    words, explanation = verdict_on(report)
+    assert words == verdict
     assert told in explanation
 
 

@@ -47,8 +47,8 @@ def load_config(
     Args:
         file: a TOML file.
         settings: ``key.sub=value`` strings; values are TOML, a bare word is a string.
-        environment: of ``GRS_KEY__SUB`` variables; that of the process by default.
-        unsafe: run generated code without a sandbox; no other layer can ask for that.
+        environment: of ``GRS_KEY__SUB`` variables; the process's by default.
+        unsafe: run generated code without a sandbox; no other layer can request this.
         overrides: settings as Python values, nested by key; they win over all others.
 
     Raises:
@@ -56,8 +56,23 @@ def load_config(
     """
     tree: Tree = Config().model_dump()
     sources = dict.fromkeys(flatten_tree(tree), "default")
-    from_file = [(f"file {file}", _read_toml_file(file))] if file else []
-    from_settings = [("--set", _parse_setting(text)) for text in settings]
+    from_file: list[tuple[str, Tree]] = []
+    if file:
+        try:
+            from_file.append(
+                (f"file {file}", tomllib.loads(read_text(file, "name an existing TOML file with --config")))
+            )
+        except InputError as error:
+            raise ConfigError(error.message, error.remedy) from error
+        except (tomllib.TOMLDecodeError, RecursionError) as error:
+            raise ConfigError(f"{file} is not TOML: {error}", "mend the line it names") from error
+    from_settings: list[tuple[str, Tree]] = []
+    for text in settings:
+        key, equals, value = text.partition("=")
+        keys = [part.strip() for part in key.split(".")]
+        if not equals or not all(keys):
+            raise ConfigError(f"--set wants key.sub=value, got {text!r}", "e.g. --set max_fixes=5")
+        from_settings.append(("--set", nest_under_keys(keys, _parse_toml_value(value))))
     from_python = [("argument", overrides)] if overrides else []
     layers: list[tuple[str, Tree]] = []
     for name, value in sorted((os.environ if environment is None else environment).items()):
@@ -82,22 +97,6 @@ def load_config(
     elif tree["sandbox"] == "none":
         raise ConfigError(f"sandbox = 'none' from {sources['sandbox']}", f"give {UNSAFE} on the command line instead")
     return EffectiveConfig(validate_config(tree), sources)
-
-
-def _read_toml_file(file: Path) -> Tree:
-    try:
-        return tomllib.loads(read_text(file, "name an existing TOML file with --config"))
-    except InputError as error:
-        raise ConfigError(error.message, error.remedy) from error
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise ConfigError(f"{file} is not TOML: {error}", "mend the line it names") from error
-
-
-def _parse_setting(text: str) -> Tree:
-    key, equals, value = text.partition("=")
-    if not equals or not all(part.strip() for part in key.split(".")):
-        raise ConfigError(f"--set wants key.sub=value, got {text!r}", "e.g. --set max_fixes=5")
-    return nest_under_keys([part.strip() for part in key.split(".")], _parse_toml_value(value))
 
 
 def _parse_toml_value(text: str) -> Any:
@@ -154,7 +153,7 @@ def flatten_tree(tree: Tree, prefix: str = "") -> Tree:
 
 
 def change_config(config: Config, **changes: Any) -> Config:
-    """The configuration with other values of some top-level keys. Raises ConfigError: a value is out of bounds."""
+    """The configuration with changed top-level keys. Raises ConfigError: a value is out of bounds."""
     return validate_config({**config.model_dump(), **changes})
 
 

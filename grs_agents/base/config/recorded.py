@@ -1,4 +1,4 @@
-"""The configuration in a run folder. Anybody may have written it, so it is shown and compared, never run as it is.
+"""The configuration in a run folder: untrusted, so it is shown and compared, never run unchanged.
 
 A resumed run takes the settings of an allow-list from it (`portable_settings`); all others are those of this machine.
 """
@@ -25,7 +25,7 @@ from grs_agents.base.config.schema import ROLES, Config, ModelConfig, Portable
 from grs_agents.base.errors import ConfigError
 
 _OFFLINE: Final = re.compile(r"offline(:[a-z0-9_]{1,64})?")
-"""Models that need no key, no network and no code of their own: a run folder may name them."""
+"""Models that need no key, no network and no user code: a run folder may name them."""
 _OF_THIS_MACHINE: Final = frozenset({"sandbox", "workers"})
 """Settings that change no verdict; a resumed run takes them from this machine without asking."""
 
@@ -76,7 +76,7 @@ class RecordedConfig(RootModel[dict[str, JsonValue]]):
         return select_portable_settings(flatten_tree(self.as_json()))
 
     def model_names(self) -> dict[str, str]:
-        """The name of the model of each role, without endpoint, key or arguments. The names may be anything."""
+        """The name of the model of each role, without endpoint, key or arguments. The names are untrusted."""
         models = self.root.get("models")
         choices = models.items() if isinstance(models, dict) else ()
         return {

@@ -129,7 +129,7 @@ def _open_npz(data: bytes, where: str) -> Generator[zipfile.ZipFile]:
 
 
 def _read_array_header(content: IO[bytes], where: str) -> "tuple[tuple[int, ...], bool, np.dtype[Any]]":
-    """Shape, whether columns come first, and kind, as the header says."""
+    """Shape, column-major flag and kind from the header."""
     version = npy.read_magic(content)
     read_header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}.get(version)
     if read_header is None:

@@ -131,7 +131,7 @@ class _TarStream:
 def iterate_tar_members(file: IO[bytes], where: str, most: int) -> Iterator[tuple[tarfile.TarInfo, IO[bytes] | None]]:
     """The members of a tar file, plain or packed by gzip, each with its content (None: no file).
 
-    The content is to be read before the next member is asked for.
+    The content must be read before the next member is requested.
 
     Args:
         file: the file, at its beginning.

@@ -13,14 +13,14 @@ _MIB = 1 << 20
 _TEXTS = {1: ".urdf .xml .mtl .py .toml", 2: ".diff", 8: ".json .md .txt"}
 _DATA = {32: ".jsonl .obj", 64: ".npz .png .jpg", 256: ".sqlite"}
 MOST_BYTES = {suffix: mib * _MIB for mib, names in (_TEXTS | _DATA).items() for suffix in names.split()}
-"""The largest file of each kind that GRS reads from a run folder; about 100 times those of the sample run."""
+"""The largest file of each kind that GRS reads from a run folder; about 100 times the sample run's."""
 MOST_TOGETHER = 512 * _MIB
 """Of all files of these kinds: `grs share` packs them in memory."""
 REMEDY = "remove it, or ask whoever made the folder for a plain copy"
 
 
 def check_run_folder(folder: Path) -> None:
-    """Look at every entry of a run folder before anything in it is opened; entries that vanish meanwhile are no fault.
+    """Check every entry of a run folder before any file in it is opened; entries that vanish meanwhile are no fault.
     Raises InputError: an entry is neither a folder nor a regular file, is a link that leads out or to a folder, or is
     too large; or there are too many."""
     root, total = folder.resolve(), 0
@@ -101,7 +101,7 @@ def _stat_inside_root(entry: Path, root: Path) -> os.stat_result:
         if not inside:
             raise InputError(f"{entry} is a link that leads out of the run folder or nowhere", REMEDY)
         status = entry.stat()
-        if stat.S_ISDIR(status.st_mode):  # copies of it would hold one another
+        if stat.S_ISDIR(status.st_mode):  # copies of it would contain each other
             raise InputError(f"{entry} is a link to a folder", REMEDY)
     if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
         raise InputError(f"{entry} is neither a regular file nor a folder", REMEDY)

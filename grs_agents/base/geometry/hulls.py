@@ -8,12 +8,18 @@ import numpy.typing as npt
 from grs_agents.base.geometry.transforms import FloatArray
 
 _DIRECTIONS: Final = 200
-"""Meshes of many vertices are reduced to those that are farthest out along as many directions."""
+"""Number of directions whose extreme vertices replace a mesh with more vertices."""
 
 
 def hull_half_spaces(vertices: FloatArray) -> FloatArray:
     """Planes (K, 4) of the hull of points (N, 3), inside: ``plane[:3] @ p <= plane[3]``; a box for coplanar points."""
-    points = _farthest_points_along_directions(np.unique(np.round(vertices, 9), axis=0))
+    points = np.unique(np.round(vertices, 9), axis=0)
+    if len(points) > _DIRECTIONS:  # keep the extreme points along evenly spread directions
+        spread = np.arange(_DIRECTIONS) + 0.5
+        polar, around = np.arccos(1 - 2 * spread / _DIRECTIONS), np.pi * (1 + 5**0.5) * spread
+        sphere = np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)])
+        directions = np.hstack([sphere, np.eye(3), -np.eye(3)])
+        points = points[np.unique((points @ directions).argmax(axis=0))]
     start = _find_tetrahedron(points)
     if start is None:
         low, high = points.min(axis=0), points.max(axis=0)
@@ -33,16 +39,6 @@ def hull_half_spaces(vertices: FloatArray) -> FloatArray:
         faces = np.vstack([faces[~seen], fresh])
         planes = np.vstack([planes[~seen], _triangle_planes(points, fresh, center)])
     return planes
-
-
-def _farthest_points_along_directions(points: FloatArray) -> FloatArray:
-    if len(points) <= _DIRECTIONS:
-        return points
-    index = np.arange(_DIRECTIONS) + 0.5
-    polar, around = np.arccos(1 - 2 * index / _DIRECTIONS), np.pi * (1 + 5**0.5) * index
-    spread = np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)])
-    directions = np.hstack([spread, np.eye(3), -np.eye(3)])
-    return points[np.unique((points @ directions).argmax(axis=0))]
 
 
 def _find_tetrahedron(points: FloatArray) -> npt.NDArray[np.int64] | None:

@@ -9,7 +9,7 @@ import numpy.typing as npt
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 _SAMPLES: Final = 30_000
-"""Pixels that are looked at together: few enough for a processor's cache."""
+"""Pixels of a batch: few enough for a processor's cache."""
 _FLAT: Final = 1e-6
 """An edge that rises by less (px) bounds no row."""
 
@@ -72,7 +72,7 @@ class _Rows:
 
 
 def _count_up_from(first: Ints, count: Ints) -> Ints:
-    """``first[0], first[0] + 1, ...``, ``count[0]`` of them, then those from ``first[1]`` and so on."""
+    """Concatenated ranges: ``count[0]`` integers from ``first[0]``, then ``count[1]`` from ``first[1]``, and so on."""
     ends: Ints = np.cumsum(count)
     return np.arange(int(count.sum()), dtype=np.int64) + np.repeat(first - ends + count, count)
 

@@ -22,7 +22,7 @@ def replace_surrogates(value: Any) -> Any:
 
 
 def _to_plain_python(value: Any) -> Any:
-    """Numpy arrays and scalars as plain Python; anything else as its ``repr``."""
+    """Numpy arrays and scalars as plain Python; any other value as its ``repr``."""
     convert = getattr(value, "tolist", None)
     return convert() if callable(convert) else repr(value)
 
@@ -64,7 +64,7 @@ _LONG, _FEW, _MANY = 160, 4, 16
 Text = Annotated[str, BeforeValidator(replace_surrogates)]
 """A string that UTF-8 can hold."""
 _LONGEST_NAME = 200
-"""Characters: a name is measured, drawn and repeated in each view; a model's or node's own has some 20."""
+"""Characters: a name is measured, drawn and repeated in each view; a model's or node's name has some 20."""
 
 
 def _cut_name(name: str) -> str:
@@ -182,17 +182,17 @@ Report = Annotated[JsonObject, AfterValidator(lambda value: _validate_json_field
 
 
 class BaseEvent(Frozen):
-    """What all events have in common."""
+    """Fields of all events."""
 
     version: int = VERSION
     sequence: int = Field(default=-1, ge=-1, lt=2**53, description="number in the run, from 0; -1 until it is in a log")
     time: Seconds = Field(default=0.0, description="seconds since 1970, UTC")
-    attempt: Count = Field(default=0, description="how many fixes were made before this")
+    attempt: Count = Field(default=0, description="number of fixes made before this")
     step: int | None = Field(default=None, description="the node_started event that it belongs to, by its sequence")
 
 
 class RunStarted(BaseEvent):
-    """A run, or the resumption of one, begins. ``nodes`` and ``edges`` are its state machine where known."""
+    """A run begins or is resumed. ``nodes`` and ``edges`` are its state machine, if known."""
 
     kind: Literal["run_started"] = "run_started"
     run_id: Name
@@ -223,7 +223,7 @@ class NodeStarted(BaseEvent):
 class NodeEnded(BaseEvent):
     """A node is done: wall ``seconds``, the state fields it changed, and the error that ended it, if any.
 
-    ``values`` tells in brief what the fields became: what is long, such as a program, is in the node's other events.
+    ``values`` summarises the new values of the fields; long values such as programs are in the node's other events.
     """
 
     kind: Literal["node_ended"] = "node_ended"
@@ -235,10 +235,10 @@ class NodeEnded(BaseEvent):
 
 
 class Prompt(BaseEvent):
-    """What an agent sent to its model; ``call`` joins it to its :class:`Reply`, of which there is one.
+    """A prompt of an agent to its model; ``call`` joins it to its :class:`Reply`.
 
-    ``text`` is the last message; ``digest`` is of the whole conversation: 32 digits of the role, the words and the
-    pictures' names, then 32 of these with the numbers and the pixels.
+    ``text`` is the last message; ``digest`` covers the whole conversation: 32 digits for the role, the words and the
+    pictures' names, then 32 that also cover the numbers and the pixels.
     """
 
     kind: Literal["prompt"] = "prompt"
@@ -251,10 +251,10 @@ class Prompt(BaseEvent):
 
 
 class Reply(BaseEvent):
-    """What the model answered; ``error`` says why an answer could not be used, or why none came (``answered``).
+    """The model's answer; ``error`` is the reason why it could not be used, or why none arrived (``answered``).
 
-    ``cached_tokens`` of the input were read from the provider's cache; ``cost`` is in US dollars, where the provider
-    tells it.
+    ``cached_tokens`` of the input were read from the provider's cache; ``cost`` is in US dollars, if the provider
+    reports it.
     """
 
     kind: Literal["reply"] = "reply"
@@ -273,7 +273,7 @@ class Reply(BaseEvent):
 
 
 class ToolCall(BaseEvent):
-    """A model called a tool: with which ``arguments``, what it was told, and whether the tool could do it."""
+    """A model called a tool: its ``arguments``, the ``result`` that the model received, and ``ok`` for success."""
 
     kind: Literal["tool_call"] = "tool_call"
     role: Name
@@ -285,7 +285,7 @@ class ToolCall(BaseEvent):
 
 
 class ProgramVersion(BaseEvent):
-    """A version of one of the two programs: file ``path``, unified ``diff`` to ``parent``, and who wrote it."""
+    """A version of a program: file ``path``, unified ``diff`` to ``parent``, and its author."""
 
     kind: Literal["program_version"] = "program_version"
     program: Literal["simulation", "tests"]
@@ -295,7 +295,7 @@ class ProgramVersion(BaseEvent):
     path: Text
     diff: Text = ""
     author_role: Name = ""
-    source: Text = Field(default="", description="where it came from, e.g. model or user")
+    source: Text = Field(default="", description="its origin, e.g. model or user")
 
 
 class TestsRun(BaseEvent):
@@ -307,7 +307,7 @@ class TestsRun(BaseEvent):
 
 
 class Decision(BaseEvent):
-    """Who is to be fixed, by which policy, and why."""
+    """The router's verdict, its policy and its reason."""
 
     kind: Literal["decision"] = "decision"
     verdict: Name
@@ -316,10 +316,10 @@ class Decision(BaseEvent):
 
 
 class SceneStage(BaseEvent):
-    """One stage of scene comprehension: numbers and names in ``summary``, pictures in ``files``.
+    """A stage of scene comprehension: numbers and names in ``summary``, pictures in ``files``.
 
     ``files`` may hold ``rgb``, ``depth`` (uint16 PNG), ``masks`` (label PNG, 0 = background), ``coverage`` (the photo
-    with what no object owns), ``twin`` (the objects at rest as the camera sees them, with their textures); ``summary``
+    with unowned pixels marked), ``twin`` (the camera's view of the objects at rest, with their textures); ``summary``
     may hold ``camera`` (fx, fy, cx, cy, width, height, depth_scale, T_robot_cam), ``depth_scale``, ``objects`` (id,
     name, box with low and high, in metres, robot frame) and ``coverage`` (share, unowned).
     """
@@ -338,8 +338,8 @@ class TaskDefined(BaseEvent):
 
 
 class Rollout(BaseEvent):
-    """The trusted oracle played one task instance; ``recording`` (.npz) and ``instance`` (.json) are files, ``cause``
-    says why goals do not hold."""
+    """The trusted oracle played a task instance; ``recording`` (.npz) and ``instance`` (.json) are files, ``cause`` is
+    the reason why goals do not hold."""
 
     kind: Literal["rollout"] = "rollout"
     seed: int
@@ -354,7 +354,7 @@ class Rollout(BaseEvent):
 
 
 class Finding(BaseEvent):
-    """The audit checked one thing: what was ``measured``, and what is asked (``bound``)."""
+    """Outcome of a check of the audit: the measurement (``measured``) and the requirement (``bound``)."""
 
     kind: Literal["finding"] = "finding"
     check: Name
@@ -365,7 +365,7 @@ class Finding(BaseEvent):
     @model_validator(mode="before")
     @classmethod
     def _convert_version_3_fields(cls, values: Any) -> Any:
-        """Up to version 3 both were one text, ``detail``."""
+        """Up to version 3 a single text, ``detail``, held both."""
         if isinstance(values, dict) and "detail" in values:
             fields = cast("dict[str, Any]", values)
             return {"measured": fields["detail"], **{key: fields[key] for key in fields if key != "detail"}}
@@ -373,12 +373,12 @@ class Finding(BaseEvent):
 
     @property
     def detail(self) -> str:
-        """Both in one line."""
+        """Measurement and requirement in a line."""
         return f"{self.measured}; {self.bound}" if self.bound else self.measured
 
 
 class Note(BaseEvent):
-    """Anything else a reader should know."""
+    """Further information for a reader."""
 
     kind: Literal["note"] = "note"
     level: Literal["info", "warning", "error"] = "info"
@@ -388,12 +388,12 @@ class Note(BaseEvent):
 _Progress = RunStarted | RunEnded | NodeStarted | NodeEnded | Prompt | Reply | ToolCall
 _Results = ProgramVersion | TestsRun | Decision | SceneStage | TaskDefined | Rollout | Finding | Note
 Event = Annotated[_Progress | _Results, Field(discriminator="kind")]
-"""Any event; told apart by ``kind``."""
+"""Any event, discriminated by ``kind``."""
 EVENT: TypeAdapter[Event] = TypeAdapter(Event)
 """Validates and serialises events: ``EVENT.validate_json(line)``."""
 
 
 def event_schema() -> dict[str, Any]:
-    """The JSON schema (2020-12) of one line of ``events.jsonl``."""
+    """The JSON schema (2020-12) of a line of ``events.jsonl``."""
     named = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": f"GRS event, version {VERSION}"}
     return named | EVENT.json_schema(mode="serialization")

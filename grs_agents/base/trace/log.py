@@ -20,7 +20,7 @@ from grs_agents.base.trace.events import EVENT, VERSION, Event
 
 Subscriber = Callable[[Event], None]
 _QUICK = 0.05
-"""Seconds; a reply that came quicker is had again as quickly, and to flush the log takes about a tenth of that."""
+"""Seconds: a faster reply is cheap to repeat, and a flush of the log takes about a tenth of this."""
 _step: ContextVar[int | None] = ContextVar("step", default=None)
 """The sequence of the event that started the node which runs in this context: nodes may run side by side."""
 
@@ -62,14 +62,14 @@ def read_events(path: Path) -> list[Event]:
 
 
 def _read_log_bytes(path: Path) -> bytes:
-    """The bytes of a log; its lines may have been written by anybody."""
+    """The bytes of a log, which is untrusted."""
     data = read_bytes(path, "name the folder of a run", MOST_JSON_BYTES)
     check_json_limits(data, path)
     return data
 
 
 class _SubscriberGuard:
-    """Turns the first exception of a subscriber into a warning and drops later ones; interrupts go through."""
+    """Turns the first exception of a subscriber into a warning and drops later exceptions; interrupts go through."""
 
     def __init__(self, subscriber: Subscriber, event: Event, reported: set[int]) -> None:
         self._subscriber, self._event, self._reported = subscriber, event, reported
@@ -148,7 +148,7 @@ class EventLog:
                     stamped.kind == "reply" and stamped.seconds > _QUICK
                 )
                 if relied_on:
-                    flush_written_files()  # an event of files says that they are there
+                    flush_written_files()  # the files that an event names must exist
                 self._file.write(EVENT.dump_json(stamped) + b"\n")
                 self._file.flush()
                 if relied_on:

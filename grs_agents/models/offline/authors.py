@@ -4,7 +4,7 @@ import json
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, combinations, islice, product
 
@@ -22,7 +22,7 @@ from grs_agents.models.offline.plan import (
 )
 from grs_agents.models.offline.program_writer import class_name_for_task, write_program
 from grs_agents.models.offline.prompt_text import CUP_ROOM, Json, PromptObject, PromptText, parse_scene_objects
-from grs_agents.models.offline.report_evidence import parse_report_evidence
+from grs_agents.models.offline.router import parse_report_evidence
 from grs_agents.models.offline.task_families import FAMILIES, PALETTE, TaskRequest
 from grs_agents.models.offline.task_reading import Clause, UnplannableTaskError, parse_clauses
 from grs_agents.models.offline.task_wording import (
@@ -50,9 +50,9 @@ _LEVEL = 0.003
 """Difference in height (m) below which undersides are level: coordinates are rounded, and resting objects sink in a
 little."""
 _DRAWN_FAMILIES: tuple[Family, ...] = tuple(family for family in FAMILIES if family != "exchange")
-"""Families of its own tasks; an exchange asks too little of most scenes."""
+"""Families of the tasks that it draws; an exchange is too easy for most scenes."""
 _TIGHT = 0.5
-"""Factor on the free space in zones on a crowded table, which leaves 1 cm on each side."""
+"""Factor on the free space in zones on a crowded table: 1 cm on each side."""
 _MOST_READINGS = 50
 """Most selections among objects with equal labels that are tried."""
 _TABLEWARE = ("mug", "cup", "plate", "bowl")
@@ -60,7 +60,7 @@ _TABLEWARE = ("mug", "cup", "plate", "bowl")
 
 
 def author_task(prompt: PromptText, rng: np.random.Generator) -> str:
-    """Reply to the ``task`` prompt: a family by the seed among those the scene allows, and its objects."""
+    """Reply to the ``task`` prompt: a family drawn among the suitable families, and its objects."""
     task = draw_random_task(parse_scene_objects(prompt.section_json("scene")), rng)
     return _format_task(task) if task else "I cannot define a task: no family suits what stands on this table."
 
@@ -99,7 +99,7 @@ def convert_plan_to_task_json(plan: PlacementPlan) -> Json:
 
 
 def is_plannable(task: Json, objects: Sequence[PromptObject]) -> bool:
-    """Whether the words of ``task`` can be planned with these objects, and give back the same words."""
+    """True if the words of ``task`` can be planned with these objects, and the plan gives back the same words."""
     try:
         plans = make_plans_for_task(task, objects)
     except UnplannableTaskError:
@@ -146,9 +146,9 @@ def author_simulation(prompt: PromptText) -> str:
 class PlanningVariant:
     """Options of a plan."""
 
-    spots: bool = False  # give each object a spot of its own
+    spots: bool = False  # give each object its spot
     margin: float = 1.0  # factor on the free space around objects
-    still: bool = False  # lay targets out where the plan has them, for every seed
+    still: bool = False  # keep the plan's places of targets for every seed
 
 
 _VARIANTS = (
@@ -163,26 +163,19 @@ _VARIANTS = (
 def fix_code(prompt: PromptText) -> str:
     """Reply to the ``fix_code`` prompt: a new program for the task, or a sentence that explains why there is none.
 
-    If the program equals the author's own, the next variant takes its place.
+    If the program equals a variant of the author, the next variant replaces it.
     """
-    try:
-        return f"```python\n{_write_next_program_variant(prompt, prompt.section_body('program').strip())}\n```"
-    except UnplannableTaskError as error:
-        return f"I cannot mend this program: {error}."
-
-
-def _write_next_program_variant(prompt: PromptText, source: str) -> str:
-    """The first way to write the task, or that which follows on ``source``."""
     task, objects = prompt.section_json("task"), parse_scene_objects(prompt.section_json("scene"))
+    source = prompt.section_body("program").strip()
     imported = re.search(r"^from task_code import (\w+)", prompt.section_body("tests"), re.MULTILINE)
     title = imported[1] if imported else program_edits.find_task_class_name(source)
     texts: list[str] = []
     for variant in _VARIANTS:
         try:
             plans = make_plans_for_task(task, objects, variant.margin)
-        except UnplannableTaskError:
+        except UnplannableTaskError as error:
             if variant == PlanningVariant():
-                raise
+                return f"I cannot mend this program: {error}."
             continue
         if variant.still:
             plans = [
@@ -192,7 +185,7 @@ def _write_next_program_variant(prompt: PromptText, source: str) -> str:
         if text not in texts:
             texts.append(text)
     tried = texts.index(source) if source in texts else -1
-    return texts[(tried + 1) % len(texts)]
+    return f"```python\n{texts[(tried + 1) % len(texts)]}\n```"
 
 
 def make_plans_for_task(task: Json, objects: Sequence[PromptObject], margin: float = 1.0) -> list[PlacementPlan]:
@@ -209,7 +202,18 @@ def make_plans_for_task(task: Json, objects: Sequence[PromptObject], margin: flo
     assets = [str(asset) for asset in task.get("assets-used", [])]
     clauses = parse_clauses(task, _select_objects_by_asset(objects, assets))
     unlike = ""
-    options = (_candidate_object_sets(clause.moved, clause.text) for clause in clauses)
+    options: list[
+        list[list[PromptObject]]
+    ] = []  # of each clause: sets of as many objects of a label as its text counts
+    for clause in clauses:
+        alike: dict[str, list[PromptObject]] = {}
+        for obj in clause.moved:
+            alike.setdefault(obj.label, []).append(obj)
+        choices = [
+            combinations(group, min(len(group), count_mentions(label, clause.text))) for label, group in alike.items()
+        ]
+        kept = [{obj.name for group in picked for obj in group} for picked in product(*choices)]
+        options.append([[obj for obj in clause.moved if obj.name in names] for names in kept])
     readings = list(islice(product(*options), _MOST_READINGS))
     for tightness, chosen in product((1.0, _TIGHT), readings):
         plans = _make_plan_per_clause(clauses, chosen, objects, margin * tightness)
@@ -224,8 +228,7 @@ def make_plans_for_task(task: Json, objects: Sequence[PromptObject], margin: flo
 def _make_plan_per_clause(
     clauses: Sequence[Clause], chosen: Sequence[Sequence[PromptObject]], scene: Sequence[PromptObject], margin: float
 ) -> list[PlacementPlan]:
-    """A plan for each clause with its chosen objects, each in the space that the others leave free; none if a clause
-    fails."""
+    """Plan each clause with its chosen objects in the remaining free space. Returns: no plans if a clause fails."""
     supports = [clause.support for clause in clauses if clause.support]
     picked = list(chain.from_iterable(chosen))
     ready = {obj.name: obj for obj in relocate_unreachable_objects(picked, scene)}
@@ -250,23 +253,12 @@ def _select_objects_by_asset(objects: Sequence[PromptObject], assets: Sequence[s
     return sorted((obj for obj in objects if obj.asset in assets), key=lambda obj: assets.index(obj.asset))
 
 
-def _candidate_object_sets(objects: Sequence[PromptObject], text: str) -> Iterator[list[PromptObject]]:
-    """Sets of objects that ``text`` may mean: of objects with equal labels, as many as it counts."""
-    alike: dict[str, list[PromptObject]] = {}
-    for obj in objects:
-        alike.setdefault(obj.label, []).append(obj)
-    choices = [combinations(group, min(len(group), count_mentions(label, text))) for label, group in alike.items()]
-    for picked in product(*choices):
-        kept = {obj.name for group in picked for obj in group}
-        yield [obj for obj in objects if obj.name in kept]
-
-
 def rank_movable_objects(objects: Sequence[PromptObject]) -> list[list[PromptObject]]:
-    """Sets of objects that a task can move, those with the most free space around them first.
+    """Sets of objects that a task can move, in descending order of free space.
 
     Sets of objects with unique labels come first, since words cannot tell equal labels apart. Supports of other objects
-    are left out. If fewer than two objects can be picked at their places, those that are the easiest to pick are moved
-    to a free part of the table; unique labels come first.
+    are left out. If fewer than two objects can be picked at their places, the two that are easiest to pick, unique
+    labels first, are moved to a free part of the table.
     """
     called = count_called(objects)
     loose = [obj for obj in objects if is_uncovered_object(obj, objects)]
@@ -292,12 +284,12 @@ def rank_movable_objects(objects: Sequence[PromptObject]) -> list[list[PromptObj
 
 
 def count_called(objects: Sequence[PromptObject]) -> Counter[str]:
-    """How many of the objects each name fits: "the brown box" fits the tallest brown box too."""
+    """Number of objects that each name fits: "the brown box" also fits the tallest brown box."""
     return Counter(name for obj in objects for name in {obj.label, obj.kind})
 
 
 def is_uncovered_object(obj: PromptObject, objects: Sequence[PromptObject]) -> bool:
-    """Whether nothing rests on it, according to the boxes of ``objects``."""
+    """True if nothing rests on it, according to the boxes of ``objects``."""
     return not any(
         neighbor is not obj
         and neighbor.low > obj.low + _LEVEL
@@ -307,7 +299,7 @@ def is_uncovered_object(obj: PromptObject, objects: Sequence[PromptObject]) -> b
 
 
 def is_clear_of_others(obj: PromptObject, objects: Sequence[PromptObject], gap: float) -> bool:
-    """Whether none of ``objects`` comes closer to it than ``gap`` (m), seen from above."""
+    """True if none of ``objects`` comes closer to it than ``gap`` (m), seen from above."""
     return not any(
         neighbor is not obj and obj.footprint_rect.overlaps(neighbor.footprint_rect, gap) for neighbor in objects
     )
@@ -329,13 +321,23 @@ def relocate_unreachable_objects(objects: Sequence[PromptObject], scene: Sequenc
 def list_candidate_object_sets(
     family: Family, objects: Sequence[PromptObject], rng: np.random.Generator
 ) -> list[list[PromptObject]]:
-    """Selections of objects for a family, the most interesting first; each is worth a try."""
+    """Selections of objects for a family, the most interesting first."""
     shuffled = [objects[int(index)] for index in rng.permutation(len(objects))]
     if family in ("pack", "stack"):
         shuffled = [obj for obj in shuffled if not obj.hollow]
     least, most = _OBJECT_COUNTS[family]
     if family == "stack":
-        chains = _find_stackable_chains(shuffled)
+        order = sorted(shuffled, key=lambda obj: -obj.size[0] * obj.size[1])
+        chains: list[list[PromptObject]] = []
+        for start in range(len(order)):
+            tower: list[PromptObject] = []
+            for obj in order[start:]:
+                fits = not tower or all(b >= a - 0.004 for a, b in zip(obj.size[:2], tower[-1].size[:2], strict=True))
+                low = obj.size[2] <= 2.0 * min(obj.size[:2])
+                if fits and low and len(select_objects_without_overlap([*tower, obj], len(tower) + 1)) > len(tower):
+                    tower.append(obj)
+            if len(tower) >= 2 and all(obj.is_flat_topped for obj in tower[:-1]):
+                chains.append(tower)
         return [chains[int(index)][:count] for index in rng.permutation(len(chains)) for count in (most, least)]
     if family == "clear":
         clusters: list[list[PromptObject]] = []
@@ -379,18 +381,3 @@ def find_plan_for_family(
         if plan is not None:
             return plan
     return None
-
-
-def _find_stackable_chains(objects: Sequence[PromptObject]) -> list[list[PromptObject]]:
-    order = sorted(objects, key=lambda obj: -obj.size[0] * obj.size[1])
-    chains: list[list[PromptObject]] = []
-    for start in range(len(order)):
-        chain: list[PromptObject] = []
-        for obj in order[start:]:
-            fits = not chain or all(b >= a - 0.004 for a, b in zip(obj.size[:2], chain[-1].size[:2], strict=True))
-            low = obj.size[2] <= 2.0 * min(obj.size[:2])
-            if fits and low and len(select_objects_without_overlap([*chain, obj], len(chain) + 1)) > len(chain):
-                chain.append(obj)
-        if len(chain) >= 2 and all(obj.is_flat_topped for obj in chain[:-1]):
-            chains.append(chain)
-    return chains

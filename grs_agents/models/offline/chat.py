@@ -49,7 +49,7 @@ _AUTHORED: Mapping[str, Program] = {
     "fix_code": "simulation",
     "fix_tests": "tests",
 }
-"""The program that each role writes; fixes may contain mistakes, too."""
+"""The program that each role writes; fixes may contain mistakes."""
 _PYTHON = re.compile(r"```python\n(.*)```", re.DOTALL)
 _HELP = "I answer prompts that begin with a line `# Role: NAME`, NAME being one of: "
 
@@ -57,13 +57,13 @@ _HELP = "I answer prompts that begin with a line `# Role: NAME`, NAME being one 
 class OfflineChatModel(BaseChatModel):
     """A chat model that answers the GRS prompts by rules.
 
-    It reads the prompt that any other model gets, and recognises its role by the ``# Role:`` line. Equal prompt and
-    seed give an equal reply.
+    It reads the same prompts as any model, and takes its role from the ``# Role:`` line. Equal prompt and seed give an
+    equal reply.
     """
 
     model: str = "grs-offline-1"  # its name in traces
     seed: int = 0  # of its random choices
-    faulty: float = 0.0  # how probable a mistake is in each program and each test script that it writes, fixes included
+    faulty: float = 0.0  # probability of a mistake in each program and each test script that it writes, also in fixes
 
     @property
     def _llm_type(self) -> str:
@@ -122,17 +122,14 @@ class OfflineChatModel(BaseChatModel):
                 digest = hashlib.sha256(seeding.encode()).digest()
                 rng = np.random.default_rng([self.seed, int.from_bytes(digest[:8], "big")])
                 reply = ROLES[prompt.role](prompt, extract_message_images(message), rng)
-                return self._plant_mistake(prompt.role, reply, rng)
+                block = _PYTHON.fullmatch(reply)
+                program = _AUTHORED.get(prompt.role)
+                if program is None or block is None or rng.random() >= self.faulty:
+                    return reply
+                generator = random.Random(int(rng.integers(1 << 31)))
+                source, _ = introduce_suitable_mistake(block[1], program, generator)
+                return f"```python\n{source}```"
         return _HELP + ", ".join(ROLES)
-
-    def _plant_mistake(self, role: str, reply: str, rng: np.random.Generator) -> str:
-        """The reply of an author with a mistake in its program, with probability ``faulty``."""
-        block = _PYTHON.fullmatch(reply)
-        program = _AUTHORED.get(role)
-        if program is None or block is None or rng.random() >= self.faulty:
-            return reply
-        source, _ = introduce_suitable_mistake(block[1], program, random.Random(int(rng.integers(2**31))))
-        return f"```python\n{source}```"
 
 
 def _estimate_token_count(text: str) -> int:
@@ -143,7 +140,7 @@ _NAME = re.compile(r"offline(?P<faulty>:faulty(?::(?P<share>[01](?:\.\d+)?|\.\d+
 
 
 def make_offline_model(name: str, seed: int) -> OfflineChatModel:
-    """The model called ``offline``, ``offline:faulty`` or, with how probable a mistake is, ``offline:faulty:0.3``.
+    """The model called ``offline``, ``offline:faulty`` or, with the probability of a mistake, ``offline:faulty:0.3``.
 
     Raises:
         UnknownNameError: there is no such offline model.

@@ -1,4 +1,4 @@
-"""The offline roles that look: the describer, the matcher, and the describer of 3D models by their measurements."""
+"""The describer of segments, the matcher of assets, and the describer of 3D models, by measurements and colours."""
 
 import base64
 import json
@@ -17,17 +17,17 @@ from grs_agents.models.offline.prompt_text import Json, PromptText, parse_finite
 Image = npt.NDArray[np.uint8]
 """BGR, as OpenCV decodes it."""
 MIN_THICKNESS = 0.006
-"""Nothing thinner than this is taken for an object, metres."""
+"""Least thickness of an object, m."""
 SIZE_SLACK = 0.005
-"""Every measured extent may be wrong by this much (metres) and by a share of the asset's extent."""
+"""Absolute tolerance of a measured extent (m), added to the relative tolerance."""
 SHORT_TOLERANCE, TOLERANCE = 0.33, 0.12
 """Relative tolerance of an extent: if too short across, since the camera sees only the near side, and otherwise."""
 MAX_DIFFERENCE = 0.9
-"""The most that an asset may differ, 1 being the bounds above reached by every extent."""
+"""Largest difference of a match; 1 if every extent is at its tolerance."""
 LEAD = 0.2
-"""How much better the best asset must be than the next."""
+"""Least difference between the best and the next asset."""
 MIN_COLOR_SHARE = 0.05
-"""The share of an object's pixels from which a second colour is worth telling."""
+"""Least share of an object's pixels for a second colour in its description."""
 _ROUND_OR_ANGULAR = frozenset({"bottle", "jar", "canister", "tub"})
 """Categories that look round or angular depending on the view."""
 _PLAIN = frozenset({"white", "gray", "black"})
@@ -42,46 +42,56 @@ def extract_message_images(message: HumanMessage) -> list[bytes]:
 
 
 def describe_segments(prompt: PromptText, pictures: Sequence[bytes]) -> str:
-    """Reply to the ``describe`` prompt from the measurements and the crop's colours; a sheet is not looked at."""
+    """Reply to the ``describe`` prompt from the measurements and the crop's colours; a sheet of crops is ignored."""
     segments = prompt.section_json_rows("segments")
     shown = pictures if len(segments) == 1 else ()
-    return _format_json_block(*(_describe_segment(measured, shown) for measured in segments))
-
-
-def _describe_segment(measured: Json, pictures: Sequence[bytes]) -> Json:
-    """Describe a segment in the form of the prompt."""
-    size = _parse_measured_size(measured)
-    mean = parse_finite_floats(measured.get("mean_color_rgb"), 3)
-    if mean and (not pictures or max(mean) < 0.3):
-        names = [color_name_from_rgb((mean[0], mean[1], mean[2]))]
-    else:
-        image = cv2.imdecode(np.frombuffer(pictures[0], np.uint8), cv2.IMREAD_COLOR) if pictures else None
-        names = dominant_color_names(cast(Image, image), mean) if image is not None else ["gray"]
-    shape = str(measured.get("outline") or "box").lower()
-    shape = shape if shape in (*_ROUND, "box") else "box"
-    category = _guess_category(shape, size) if size else "object"
-    is_object = size is None or _is_plausible_object(size, measured)
-    what = category if category != "object" else shape
-    extent = " x ".join(f"{100 * edge:.0f}" for edge in size) + " cm" if size else "unknown size"
-    second = f" with some {' and '.join(names[1:])}" if len(names) > 1 else ""
-    description = f"A {_choose_tall_or_flat_word(size)}{names[0]} {what}{second}, {shape}-shaped, about {extent}."
-    if not is_object:
-        description = f"A {names[0]} segment of {extent}, too thin or too large to be an object."
-    return {
-        "id": measured.get("id"),
-        "is_object": is_object,
-        "part_of": None,
-        "description": description,
-        "color": names[0],
-        "shape": shape,
-        "category": category,
-        "open_top": measured.get("open_top") is True,
-    }
+    descriptions: list[Json] = []
+    for measured in segments:
+        size = _parse_measured_size(measured)
+        mean = parse_finite_floats(measured.get("mean_color_rgb"), 3)
+        if mean and (not shown or max(mean) < 0.3):
+            names = [color_name_from_rgb((mean[0], mean[1], mean[2]))]
+        else:
+            image = cv2.imdecode(np.frombuffer(shown[0], np.uint8), cv2.IMREAD_COLOR) if shown else None
+            names = dominant_color_names(cast(Image, image), mean) if image is not None else ["gray"]
+        shape = str(measured.get("outline") or "box").lower()
+        shape = shape if shape in (*_ROUND, "box") else "box"
+        category = "object"
+        if size is not None:
+            across, height = max(size[:2]), size[2]
+            if shape in ("cylinder", "sphere"):
+                category = "bottle" if height > 2 * across else "can"
+                if across > 0.1:
+                    category = "plate" if height < 0.035 else "bowl" if height < 0.09 else "canister"
+            elif shape != "box":
+                category = shape
+            elif max(size) <= min(0.07, 1.25 * min(size)):
+                category = "cube"
+            else:
+                category = "carton" if height >= 2 * across and height > 0.12 else "box"
+        is_object = size is None or _is_plausible_object(size, measured)
+        what = category if category != "object" else shape
+        extent = " x ".join(f"{100 * edge:.0f}" for edge in size) + " cm" if size else "unknown size"
+        second = f" with some {' and '.join(names[1:])}" if len(names) > 1 else ""
+        description = f"A {_choose_tall_or_flat_word(size)}{names[0]} {what}{second}, {shape}-shaped, about {extent}."
+        if not is_object:
+            description = f"A {names[0]} segment of {extent}, too thin or too large to be an object."
+        described: Json = {
+            "id": measured.get("id"),
+            "is_object": is_object,
+            "part_of": None,
+            "description": description,
+            "color": names[0],
+            "shape": shape,
+            "category": category,
+            "open_top": measured.get("open_top") is True,
+        }
+        descriptions.append(described)
+    return _format_json_block(*descriptions)
 
 
 def match_asset(prompt: PromptText) -> str:
-    """Reply to the ``match_asset`` prompt: the asset of the same size, colour and shape, if there is exactly one such
-    asset."""
+    """Reply to the ``match_asset`` prompt: the asset of the same size, colour and shape, if it is unique."""
     candidate = prompt.section_json("candidate")
     size = _parse_measured_size(candidate)
     if candidate.get("is_object") is False or (size is not None and not _is_plausible_object(size, candidate)):
@@ -117,7 +127,16 @@ def _score_asset_differences(
                     tolerance = SHORT_TOLERANCE if measured < edge else TOLERANCE
                     parts.append(abs(measured - edge) / (tolerance * edge + SIZE_SLACK))
                 best = min(best, (max(parts) + sum(parts) / 3) / 2 + (0.0 if axis == 2 else 0.1))
-            difference = best + _score_color_difference(wording, asset)
+            # The difference of the colours: 0 if all vivid colours are shared, 2 if none is
+            known = {*_colors_named_in_text(f"{asset.get('color', '')} {asset.get('description', '')}")}
+            seen = _colors_named_in_text(wording)
+            vivid = [color for color in seen if color not in _PLAIN]
+            if vivid and vivid[0] in known:
+                difference = best + 0.15 * (len(known - _PLAIN - {*vivid}) + len({*vivid} - known))
+            elif vivid or not known & {*seen}:
+                difference = best + 2.0
+            else:
+                difference = best + (0.4 if known - _PLAIN else 0.0)
             if difference <= MAX_DIFFERENCE:
                 yield difference, str(asset.get("name"))
 
@@ -141,7 +160,7 @@ def dominant_color_names(image: Image, mean: Sequence[float] | None = None) -> l
         red, green, blue = (float(part) / 20 for part in level)
         name, share = color_name_from_rgb((red, green, blue)), float(amount) / len(kept)
         shares[name] = shares.get(name, 0.0) + share
-        if name == "brown":  # perhaps something red or orange in its own shade
+        if name == "brown":  # perhaps a shaded part of a red or orange object
             most = max(red, green, blue)
             lit_name = color_name_from_rgb((red / most, green / most, blue / most))
             shaded[lit_name] = shaded.get(lit_name, 0.0) + share
@@ -164,19 +183,6 @@ def _is_plausible_object(size: Sequence[float], measured: Json) -> bool:
     return seen and low >= MIN_THICKNESS and middle >= 0.012 and high <= 0.6 and high <= 25 * low
 
 
-def _guess_category(shape: str, size: Sequence[float]) -> str:
-    across, height = max(size[:2]), size[2]
-    if shape in ("cylinder", "sphere"):
-        if across > 0.1:
-            return "plate" if height < 0.035 else "bowl" if height < 0.09 else "canister"
-        return "bottle" if height > 2 * across else "can"
-    if shape != "box":
-        return shape
-    if max(size) <= min(0.07, 1.25 * min(size)):
-        return "cube"
-    return "carton" if height >= 2 * across and height > 0.12 else "box"
-
-
 def _choose_tall_or_flat_word(size: Sequence[float] | None) -> str:
     if size is None:
         return ""
@@ -184,20 +190,8 @@ def _choose_tall_or_flat_word(size: Sequence[float] | None) -> str:
     return "tall " if size[2] > 1.6 * across else "flat " if size[2] < 0.45 * across else ""
 
 
-def _score_color_difference(wording: str, asset: Json) -> float:
-    """Difference of the colours: 0 if all vivid colours are shared, 2 if none is."""
-    known = _colors_named_in_text(f"{asset.get('color', '')} {asset.get('description', '')}")
-    seen = _colors_named_in_text(wording)
-    vivid = [color for color in seen if color not in _PLAIN]
-    if not vivid:
-        return 2.0 if not {*known} & {*seen} else 0.4 if {*known} - _PLAIN else 0.0
-    if vivid[0] not in known:
-        return 2.0
-    return 0.15 * (len({*known} - _PLAIN - {*vivid}) + len({*vivid} - {*known}))
-
-
 def _colors_named_in_text(text: str) -> list[str]:
-    """The colours a text names, in order; orange and brown are the same in other light."""
+    """Colours that a text names, in order; orange and brown are the same under different light."""
     named = ["orange" if word == "brown" else word for word in split_words(text) if word in COLORS]
     return list(dict.fromkeys(named))
 
@@ -215,7 +209,7 @@ _CATEGORIES = _CATEGORIES_TEXT.split()
 
 
 def describe_asset(prompt: PromptText) -> str:
-    """Reply to the ``describe_asset`` prompt from its facts alone; the pictures are not looked at."""
+    """Reply to the ``describe_asset`` prompt from its facts alone; the pictures are ignored."""
     facts = prompt.section_json("facts")
     colors = [str(color) for color in facts.get("colors") or ()] if isinstance(facts.get("colors"), list) else []
     colors = colors or ["gray"]

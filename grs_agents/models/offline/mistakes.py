@@ -18,9 +18,9 @@ class Mistake:
     """A kind of mistake."""
 
     name: str  # words joined by dashes
-    program: Program  # where it is made
-    apply: Edit  # the source with the mistake; None where the source has nothing to make it with
-    repeatable: bool = True  # whether the source with it does the same in every run
+    program: Program  # the program that has it
+    apply: Edit  # makes the source with the mistake; None if the source does not allow it
+    repeatable: bool = True  # the source with it is deterministic
 
 
 def introduce_suitable_mistake(source: str, program: Program, generator: random.Random) -> tuple[str, str]:
@@ -177,7 +177,7 @@ def _move_oracle_before_reset(source: str, generator: random.Random) -> str | No
 
 
 def _find_object_additions(source: str) -> dict[str, ast.Call]:
-    """The calls that add an object which can be moved, by the variable that holds it."""
+    """The calls that add a movable object, by its variable."""
     additions: dict[str, ast.Call] = {}
     for node in ast.walk(program_edits.parse_syntax_tree(source) or ast.Module([], [])):
         if (
@@ -192,7 +192,7 @@ def _find_object_additions(source: str) -> dict[str, ast.Call]:
 
 
 def _find_rows_of_moves_list(source: str) -> list[ast.Tuple]:
-    """The rows of the list ``moves`` of a program of the offline model's own; none in others."""
+    """The rows of the list ``moves`` of a program by the offline author; empty for other programs."""
     for node in ast.walk(program_edits.parse_syntax_tree(source) or ast.Module([], [])):
         if (
             isinstance(node, ast.Assign)
@@ -204,13 +204,13 @@ def _find_rows_of_moves_list(source: str) -> list[ast.Tuple]:
 
 
 def _find_call_statements(source: str) -> list[ast.Expr]:
-    """The statements that are a call and nothing else."""
+    """The statements that consist of a call."""
     nodes = ast.walk(program_edits.parse_syntax_tree(source) or ast.Module([], []))
     return [node for node in nodes if isinstance(node, ast.Expr) and isinstance(node.value, ast.Call)]
 
 
 def _name_of_called_method(node: ast.expr) -> str:
-    """The name of the method that is called; empty for anything else."""
+    """The name of a called method; empty for any other expression."""
     return node.func.attr if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) else ""
 
 

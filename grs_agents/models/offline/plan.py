@@ -28,13 +28,13 @@ class Target:
     """A place on the table that goals refer to."""
 
     name: str  # a Python identifier, e.g. `red_zone`
-    # `container` (a filled template), `zone` (a flat mark), `free` (bare table) or `object` (an object of the scene
-    # that serves where it stands)
+    # `container` (a filled template), `zone` (a flat mark), `free` (bare table) or `object` (an object of the scene at
+    # its place)
     kind: Literal["container", "zone", "free", "object"]
     size: Vector  # extents in metres
     place: tuple[float, float]  # (x, y) of a place known to be free
     color: str = ""  # its colour's name
-    moves: bool = True  # whether each seed draws another place for it
+    moves: bool = True  # each seed draws a place for it
     obj: PromptObject | None = None  # the object, for kind `object`
     # the free centres (N, 2) of its size, on the grid, when it was laid out
     free: npt.NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 2)), compare=False, repr=False)
@@ -62,7 +62,7 @@ class Move:
     """A pick-and-place."""
 
     obj: PromptObject  # object to move
-    target: Target  # where to
+    target: Target  # its destination
     offset: Vector  # the object's centre from the frame's place at table height, metres
 
 
@@ -74,7 +74,7 @@ class PlacementPlan:
     targets: tuple[Target, ...]  # the places, in the order in which they are laid out
     moves: tuple[Move, ...]  # in order
     criterion: str = ""  # property that separates or orders objects, e.g. `color`
-    exact: bool = False  # whether each object must stand at its very spot, rather than anywhere inside its frame
+    exact: bool = False  # each object must end at its exact spot, not just inside its frame
 
     @property
     def moved_objects(self) -> tuple[PromptObject, ...]:
@@ -91,7 +91,7 @@ class PlacementPlan:
 X_RANGE, Y_RANGE = (0.25, 0.75), (-0.5, 0.5)
 """The part of the table that random poses are drawn from, metres, robot frame."""
 STEP = 0.02
-"""The grid on which free places are looked for, metres."""
+"""Spacing of the grid of candidate places, m."""
 _LEAST_PLACES = 10
 """Fewer free places than these, 40 cm2 of centres, are not found by drawing at random."""
 
@@ -162,7 +162,7 @@ class Table:
 
 
 def may_leave_no_place(drawn: Sequence[Target]) -> bool:
-    """Whether a random place of a target may leave hardly a free place to another target."""
+    """True if a random place of a target may leave hardly any free place to a second target."""
     for target, rival in permutations(drawn, 2):
         distances = abs(target.free[:, None] - rival.free)  # for each pair of places, along x and y
         clear = (distances >= (np.add(target.size[:2], rival.size[:2])) / 2 + GAP).any(axis=2)
@@ -190,18 +190,18 @@ def select_objects_without_overlap(
 
 
 def is_pickable_object(obj: PromptObject) -> bool:
-    """Whether the suction cup can lift it from above and set it down upright."""
+    """True if the suction cup can lift it from above and set it down upright."""
     footprint = min(obj.size[:2])
     small_enough = max(obj.size[:2]) <= 0.32 and obj.size[2] <= MAX_ZONE_HEIGHT
     return not obj.hollow and footprint >= 0.018 and obj.size[2] >= 0.008 and small_enough
 
 
 def is_hard_to_topple(obj: PromptObject) -> bool:
-    """Whether its height is at most four times its least width."""
+    """True if its height is at most four times its least width."""
     return obj.size[2] <= 4.0 * min(obj.size[:2])
 
 
 def is_reachable_object(obj: PromptObject) -> bool:
-    """Whether the arm can pick it at its place: within reach, free, and picked in a trial."""
+    """True if the arm can pick it at its place: within reach, free, and picked in a trial."""
     radius = math.hypot(obj.position[0], obj.position[1])
     return obj.reachable and obj.can_be_picked and not obj.floats and NEAR <= radius <= FAR and obj.position[0] > 0.1

@@ -1,4 +1,4 @@
-"""Small edits of program text, found by its syntax tree and made in place, so that all else stays as it was."""
+"""Small in-place edits of program text, located by its syntax tree."""
 
 import ast
 import itertools
@@ -53,7 +53,7 @@ def replace_identifier(source: str, wrong: str, right: str) -> str | None:
 def remove_variable(source: str, name: str) -> str | None:
     """``source`` without variable ``name``: its assignment, and the list entries that use it.
 
-    None if it is used elsewhere too, or a list becomes empty.
+    None if it is also used elsewhere, or a list becomes empty.
     """
     tree = parse_syntax_tree(source)
     if tree is None:
@@ -61,21 +61,17 @@ def remove_variable(source: str, name: str) -> str | None:
     edits: list[tuple[ast.expr, str]] = []
     for node in ast.walk(tree):
         if isinstance(node, ast.List) and name in _collect_identifiers(node):
-            edits.append((node, _format_list_without_name(source, node, name)))
-    gone = [(node, "") for node in _find_assignments(source) if name in map(_name_of_assigned_target, node.targets)]
-    changed = replace_nodes(source, [*edits, *gone])
+            kept = [part for part in node.elts if name not in _collect_identifiers(part)]
+            texts = [ast.get_source_segment(source, part) or "" for part in kept]
+            text = f"[{', '.join(texts)}]"
+            if node.lineno != node.end_lineno and kept:  # an entry per line
+                indent = " " * kept[0].col_offset
+                text = "[\n" + "".join(f"{indent}{entry},\n" for entry in texts) + f"{indent[4:]}]"
+            edits.append((node, text))
+    removed = [(node, "") for node in _find_assignments(source) if name in map(_name_of_assigned_target, node.targets)]
+    changed = replace_nodes(source, [*edits, *removed])
     left = _collect_identifiers(parse_syntax_tree(changed) or tree)
     return None if name in left or "[]" in [text for _, text in edits] else changed
-
-
-def _format_list_without_name(source: str, node: ast.List, name: str) -> str:
-    """Text of a list without the entries that use ``name``, an entry per line as in ``node``."""
-    kept = [part for part in node.elts if name not in _collect_identifiers(part)]
-    texts = [ast.get_source_segment(source, part) or "" for part in kept]
-    if node.lineno == node.end_lineno or not kept:
-        return f"[{', '.join(texts)}]"
-    indent = " " * kept[0].col_offset
-    return "[\n" + "".join(f"{indent}{text},\n" for text in texts) + f"{indent[4:]}]"
 
 
 def _find_assignments(source: str) -> list[ast.Assign]:
@@ -84,7 +80,7 @@ def _find_assignments(source: str) -> list[ast.Assign]:
 
 
 def _name_of_assigned_target(target: ast.expr) -> str:
-    """The variable or attribute that is assigned to; empty for anything else."""
+    """Name of an assigned variable or attribute; empty for any other target."""
     return target.id if isinstance(target, ast.Name) else target.attr if isinstance(target, ast.Attribute) else ""
 
 
@@ -93,7 +89,7 @@ def _collect_identifiers(node: ast.AST) -> set[str]:
 
 
 def replace_nodes(source: str, edits: Iterable[tuple[ast.expr | ast.stmt, str]]) -> str:
-    """``source`` with the text of each node replaced; a line that is left blank by that goes."""
+    """``source`` with the text of each node replaced; lines left blank are removed."""
     data = source.encode()
     starts = [0, *itertools.accumulate(len(line) for line in data.splitlines(keepends=True))]
     for node, text in sorted(edits, key=lambda edit: (-edit[0].lineno, -edit[0].col_offset)):

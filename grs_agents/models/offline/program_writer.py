@@ -30,45 +30,33 @@ def class_name_for_task(task: str) -> str:
 def write_program(plans: Sequence[PlacementPlan], title: str, description: str, spots: bool = False) -> str:
     """Write the program of plans that run in sequence: class ``title``, docstring ``description``.
 
-    ``spots`` gives each object a spot inside its container or zone, instead of the whole of it.
+    ``spots`` gives each object a spot inside its container or zone, instead of the whole zone.
     """
-    names = _assign_variable_names(plans)
     objects = list(chain.from_iterable(plan.moved_objects for plan in plans))
+    targets = list(chain.from_iterable(plan.targets for plan in plans))
+    names: dict[str, str] = {}  # of the program's variables
+    for name in [*(obj.name for obj in objects), *(target.name for target in targets)]:
+        base, number = make_identifier(name), 2
+        variable = base
+        while variable in (*names.values(), *_RESERVED):
+            variable, number = f"{base}_{number}", number + 1
+        names[name] = variable
+
+    # The largest random target is laid out first: the plan's place for it is free while no other place is drawn. If a
+    # random target could take the places of the others, all others keep their places of the plan.
     relocated = any(obj.relocated for obj in objects)
-    targets = _lay_out_targets(plans, relocated)
-    drawn = [target for target in targets if target.moves]
-    known = [] if relocated else drawn[:1]
-    lines = [*_head_code_lines(plans, title, description), *_object_code_lines(objects, names)]
-    for target in targets:
-        lines += ["", *_target_code_lines(target, names, target in known)]
-    for plan in plans:
-        lines += ["", *_goal_code_lines(plan, names, spots, sum(len(every.moves) for every in plans))]
-    if relocated or drawn:
-        lines[2] = "from grs_agents.sim import NoFreeSpaceError, Task, utils"
-        lines += ["", *_FIND_PLACE]
-    return "\n".join(lines) + "\n"
-
-
-def _lay_out_targets(plans: Sequence[PlacementPlan], relocated: bool) -> list[Target]:
-    """Sort the targets in the order of their layout.
-
-    The largest random target comes first: the plan's place for it is free while no other place is drawn. If a random
-    target could take the places of the others, all others keep their places of the plan.
-    """
-    targets = sorted(
-        chain.from_iterable(plan.targets for plan in plans), key=lambda target: -target.size[0] * target.size[1]
-    )
+    targets.sort(key=lambda target: -target.size[0] * target.size[1])
     drawn = [target for target in targets if target.moves]
     if not relocated and may_leave_no_place(drawn):
         targets = [replace(target, moves=target is drawn[0]) for target in targets]
-    return sorted(targets, key=lambda target: target.moves)
+    targets.sort(key=lambda target: target.moves)
+    drawn = [target for target in targets if target.moves]
+    known = [] if relocated else drawn[:1]
 
-
-def _head_code_lines(plans: Sequence[PlacementPlan], title: str, description: str) -> list[str]:
     steps = sum(len(plan.moves) for plan in plans)
     family = plans[0].family if len(plans) == 1 else ""
     text = description.replace("\\", "").replace('"', "'")
-    return [
+    lines = [
         "import numpy as np",
         "",
         "from grs_agents.sim import Task, utils",
@@ -86,7 +74,16 @@ def _head_code_lines(plans: Sequence[PlacementPlan], title: str, description: st
         "",
         "    def reset(self, env):",
         "        super().reset(env)",
+        *_object_code_lines(objects, names),
     ]
+    for target in targets:
+        lines += ["", *_target_code_lines(target, names, target in known)]
+    for plan in plans:
+        lines += ["", *_goal_code_lines(plan, names, spots, steps)]
+    if relocated or drawn:
+        lines[2] = "from grs_agents.sim import NoFreeSpaceError, Task, utils"
+        lines += ["", *_FIND_PLACE]
+    return "\n".join(lines) + "\n"
 
 
 def _object_code_lines(objects: Sequence[PromptObject], names: dict[str, str]) -> list[str]:
@@ -176,18 +173,6 @@ def _goal_code_lines(plan: PlacementPlan, names: dict[str, str], spots: bool, st
         "            )",
     ]
     return lines
-
-
-def _assign_variable_names(plans: Sequence[PlacementPlan]) -> dict[str, str]:
-    taken: dict[str, str] = {}
-    objects = [obj.name for plan in plans for obj in plan.moved_objects]
-    for name in [*objects, *(target.name for plan in plans for target in plan.targets)]:
-        base, number = make_identifier(name), 2
-        variable = base
-        while variable in (*taken.values(), *_RESERVED):
-            variable, number = f"{base}_{number}", number + 1
-        taken[name] = variable
-    return taken
 
 
 def _format_vector(values: tuple[float, ...]) -> str:

@@ -1,9 +1,9 @@
-"""Read a prompt as the offline model gets it: a role line, ``## `` sections, fenced bodies, the scene's objects."""
+"""Parser of the prompts: a role line, ``## `` sections, fenced bodies, the scene's objects."""
 
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
@@ -14,9 +14,9 @@ _FENCE = re.compile(r"^(`{3,}|~{3,})")
 
 @dataclass(frozen=True)
 class PromptText:
-    """A prompt taken apart."""
+    """A parsed prompt."""
 
-    role: str  # what the `# of the `# Role:` line
+    role: str  # of the `# Role:` line
     # lower-case title -> body: the content of the section's first fenced block, or its plain text
     sections: Mapping[str, str]
 
@@ -30,7 +30,7 @@ class PromptText:
         return cast(Json, value) if isinstance(value, dict) else {}
 
     def section_json_rows(self, title: str) -> list[Json]:
-        """The section's JSON objects: one per line, or an array of them."""
+        """The section's JSON objects, a line each or in an array."""
         body = self.section_body(title)
         whole = parse_json_or_none(body)
         values = (
@@ -44,23 +44,13 @@ class PromptText:
 def parse_prompt(text: str) -> PromptText | None:
     """Parse a prompt; None if no line names a role."""
     role = _ROLE.search(text)
-    return None if role is None else PromptText(role.group(1), _split_sections(text[role.end() :]))
-
-
-def parse_json_or_none(text: str) -> Any:
-    """The value that ``text`` spells, or None."""
-    try:
-        return json.loads(text)
-    except ValueError:
+    if role is None:
         return None
-
-
-def _split_sections(text: str) -> dict[str, str]:
     plain: dict[str, list[str]] = {}
     fenced: dict[str, list[str]] = {}
     closed: set[str] = set()
     title, fence = "", ""
-    for line in text.splitlines():
+    for line in text[role.end() :].splitlines():
         mark = _FENCE.match(line)
         if fence:
             if mark and line.strip().startswith(fence) and not line.strip().strip(fence[0]):
@@ -75,7 +65,15 @@ def _split_sections(text: str) -> dict[str, str]:
         else:
             plain.setdefault(title, []).append(line)
     bodies = {name: "\n".join(lines).strip() for name, lines in plain.items()}
-    return bodies | {name: "\n".join(lines) for name, lines in fenced.items()}
+    return PromptText(role.group(1), bodies | {name: "\n".join(lines) for name, lines in fenced.items()})
+
+
+def parse_json_or_none(text: str) -> Any:
+    """The JSON value of ``text``, or None."""
+    try:
+        return json.loads(text)
+    except ValueError:
+        return None
 
 
 def split_words(text: str) -> list[str]:
@@ -94,7 +92,7 @@ Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
 NEAR, FAR = 0.28, 0.80
-"""Radii from the robot's base between which it works with ease, in metres."""
+"""Radii of the comfortable workspace from the robot's base, m."""
 GAP = 0.02
 """The clearance left between neighbours, in metres."""
 CUP_ROOM = 0.03
@@ -116,11 +114,11 @@ class Rect:
     width: float
     depth: float
 
-    def overlaps(self, other: "Rect", gap: float = 0.0) -> bool:
-        """Whether the two come closer than ``gap`` along both axes."""
+    def overlaps(self, rect: "Rect", gap: float = 0.0) -> bool:
+        """True if the two come closer than ``gap`` along both axes."""
         return (
-            abs(self.x - other.x) < (self.width + other.width) / 2 + gap
-            and abs(self.y - other.y) < (self.depth + other.depth) / 2 + gap
+            abs(self.x - rect.x) < (self.width + rect.width) / 2 + gap
+            and abs(self.y - rect.y) < (self.depth + rect.depth) / 2 + gap
         )
 
 
@@ -134,14 +132,14 @@ class PromptObject:
     color: str  # name of its dominant colour
     position: Vector  # centre, metres, robot frame
     orientation: Quaternion  # rotation (xyzw)
-    size: Vector  # extents along the robot's axes as it stands, metres
-    reachable: bool  # whether the arm can pick it there
-    hollow: bool  # whether other objects can be put inside or on it
-    floats: bool = False  # whether it is held at its place, since the photo does not show its support
-    uneven_top: bool = False  # whether other objects would tip on it
-    can_be_picked: bool = True  # whether the robot, which tried, could pick it where it stands
-    relocated: bool = False  # whether the program puts it elsewhere than the photo
-    height: str = ""  # word for its height, if that tells it from others of its kind and colour
+    size: Vector  # extents along the robot's axes at its place, metres
+    reachable: bool  # the arm can pick it there
+    hollow: bool  # other objects can be put inside or on it
+    floats: bool = False  # held at its place, since the photo does not show its support
+    uneven_top: bool = False  # other objects would tip on it
+    can_be_picked: bool = True  # the robot picked it at its place in a trial
+    relocated: bool = False  # the program puts it elsewhere than the photo
+    height: str = ""  # `tall`, `tallest`, `low` or `lowest`, if that distinguishes it from its kind and colour
 
     @property
     def footprint_rect(self) -> Rect:
@@ -150,7 +148,7 @@ class PromptObject:
 
     @property
     def room(self) -> Vector:
-        """Space that it takes elsewhere: its extents, and room for the cup on every side."""
+        """Extents of its free space at another place: its size, and room for the cup on every side."""
         return (self.size[0] + 2 * CUP_ROOM, self.size[1] + 2 * CUP_ROOM, self.size[2])
 
     @property
@@ -175,54 +173,52 @@ class PromptObject:
 
     @property
     def is_flat_topped(self) -> bool:
-        """Whether another object would rest on it."""
+        """True if another object would rest on it."""
         kinds = {*split_words(self.category), *split_words(self.asset.rsplit("/", 1)[-1]), *split_words(self.name)}
         return not self.hollow and not self.uneven_top and not kinds & ROUND_WORDS
 
     def relocate_to(self, x: float, y: float) -> "PromptObject":
-        """The same object standing elsewhere on the table."""
+        """The same object at another place on the table."""
         return replace(self, position=(x, y, self.size[2] / 2), relocated=True)
 
 
 def parse_scene_objects(scene: Json) -> list[PromptObject]:
     """The objects of a scene section; entries without a name, asset, position or size are left out."""
-    entries = [cast(Json, entry) for entry in _to_list_or_empty(scene.get("objects")) if isinstance(entry, dict)]
-    objects = [obj for obj in map(_parse_scene_object, entries) if obj is not None]
-    return [replace(obj, height=_find_telling_height(obj, objects)) for obj in objects]
-
-
-def _find_telling_height(obj: PromptObject, objects: Sequence[PromptObject]) -> str:
-    """``tall`` or ``low``, among three or more ``tallest`` or ``lowest``, if visibly so; else empty."""
-    others = [fellow.size[2] for fellow in objects if fellow is not obj and fellow.kind == obj.kind]
-    if others and obj.size[2] >= max(others) + _SEEN_HEIGHT:
-        return "tall" if len(others) == 1 else "tallest"
-    if others and obj.size[2] <= min(others) - _SEEN_HEIGHT:
-        return "low" if len(others) == 1 else "lowest"
-    return ""
-
-
-def _parse_scene_object(entry: Json) -> PromptObject | None:
-    position, size = parse_finite_floats(entry.get("position"), 3), parse_finite_floats(entry.get("size"), 3)
-    asset = str(entry.get("asset") or "")
-    if position is None or size is None or min(size) <= 0 or not asset:
-        return None
-    orientation = parse_finite_floats(entry.get("orientation"), 4) or (0.0, 0.0, 0.0, 1.0)
-    category = str(entry.get("category") or "").lower()
-    return PromptObject(
-        name=str(entry.get("name") or asset),
-        asset=asset,
-        category=category,
-        color=str(entry.get("color") or "").lower(),
-        position=cast(Vector, position),
-        orientation=cast(Quaternion, orientation),
-        size=cast(Vector, size),
-        reachable=bool(entry.get("reachable", True)),
-        hollow=bool(entry.get("hollow"))
-        or (bool({category, *split_words(asset)} & HOLLOW_WORDS) and not asset.startswith("proxy/")),
-        floats=bool(entry.get("floats")),
-        uneven_top=bool(entry.get("uneven_top")),
-        can_be_picked=not entry.get("cannot_be_picked"),
-    )
+    objects: list[PromptObject] = []
+    for entry in (cast(Json, entry) for entry in _to_list_or_empty(scene.get("objects")) if isinstance(entry, dict)):
+        position, size = parse_finite_floats(entry.get("position"), 3), parse_finite_floats(entry.get("size"), 3)
+        asset = str(entry.get("asset") or "")
+        if position is None or size is None or min(size) <= 0 or not asset:
+            continue
+        orientation = parse_finite_floats(entry.get("orientation"), 4) or (0.0, 0.0, 0.0, 1.0)
+        category = str(entry.get("category") or "").lower()
+        hollow_by_name = {category, *split_words(asset)} & HOLLOW_WORDS and not asset.startswith("proxy/")
+        objects.append(
+            PromptObject(
+                name=str(entry.get("name") or asset),
+                asset=asset,
+                category=category,
+                color=str(entry.get("color") or "").lower(),
+                position=cast(Vector, position),
+                orientation=cast(Quaternion, orientation),
+                size=cast(Vector, size),
+                reachable=bool(entry.get("reachable", True)),
+                hollow=bool(entry.get("hollow") or hollow_by_name),
+                floats=bool(entry.get("floats")),
+                uneven_top=bool(entry.get("uneven_top")),
+                can_be_picked=not entry.get("cannot_be_picked"),
+            )
+        )
+    heights: list[str] = []
+    for obj in objects:
+        rivals = [fellow.size[2] for fellow in objects if fellow is not obj and fellow.kind == obj.kind]
+        height = ""
+        if rivals and obj.size[2] >= max(rivals) + _SEEN_HEIGHT:
+            height = "tall" if len(rivals) == 1 else "tallest"
+        elif rivals and obj.size[2] <= min(rivals) - _SEEN_HEIGHT:
+            height = "low" if len(rivals) == 1 else "lowest"
+        heights.append(height)
+    return [replace(obj, height=height) for obj, height in zip(objects, heights, strict=True)]
 
 
 def parse_finite_floats(value: Any, count: int) -> tuple[float, ...] | None:

@@ -1,4 +1,4 @@
-"""The task families: each turns chosen objects into a plan, or says that they do not suit it."""
+"""The task families: each makes a plan of chosen objects; None if they do not suit it."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -30,13 +30,13 @@ class TaskRequest:
     containers: tuple[PromptObject, ...] = ()  # hollow objects of the scene that may serve as containers
     criterion: str = ""  # property that separates objects, if needed
     margin: float = 1.0  # factor on the free space inside containers and zones
-    support: PromptObject | None = None  # the object of the scene that a stack is built on, where it stands
-    ordered: bool = False  # whether a stack keeps the order in which the objects are given
-    taken: tuple[Rect, ...] = ()  # all that stands on the table
+    support: PromptObject | None = None  # the object of the scene that carries a stack, at its place
+    ordered: bool = False  # a stack keeps the order of the given objects
+    taken: tuple[Rect, ...] = ()  # footprints of all objects on the table
 
 
 def plan_pack_task(objects: Sequence[PromptObject], request: TaskRequest) -> PlacementPlan | None:
-    """Put all objects into a container: a container of the scene if a suitable one exists, else a new container."""
+    """Put all objects into a container: a suitable container of the scene, else a new container."""
     options = _list_arrangements_of_objects(objects, request)
     for container, rows in product(request.containers, options):
         inside = container.size[0] - 0.04 >= rows.width and container.size[1] - 0.04 >= rows.depth
@@ -62,12 +62,18 @@ def _make_target_from_object(obj: PromptObject) -> Target:
 
 
 def plan_stack_task(objects: Sequence[PromptObject], request: TaskRequest) -> PlacementPlan | None:
-    """Stack the objects on a zone, or on an object that keeps its place; the larger below the smaller."""
-    said, base = [obj.label for obj in objects], [request.support] if request.support else []
+    """Stack the objects on a zone, or on an object that keeps its place; larger objects below smaller objects."""
+    labels, base = [obj.label for obj in objects], [request.support] if request.support else []
     order = sorted(
-        objects, key=lambda obj: (request.ordered * said.index(obj.label), -obj.size[0] * obj.size[1], obj.name)
+        objects, key=lambda obj: (request.ordered * labels.index(obj.label), -obj.size[0] * obj.size[1], obj.name)
     )
-    if not _is_steady_stack([*base, *order]) or any(obj.size[2] > 2.5 * min(obj.size[:2]) for obj in order):
+    stack = [*base, *order]
+    steady = all(
+        below.is_flat_topped and all(b >= a - 0.004 for a, b in zip(above.size[:2], below.size[:2], strict=True))
+        for below, above in pairwise(stack)
+    )
+    low = sum(obj.size[2] for obj in stack) <= 0.26  # the cup clears the last object
+    if len(stack) < 2 or not (steady and low) or any(obj.size[2] > 2.5 * min(obj.size[:2]) for obj in order):
         return None
     side = _round_up_to_cm(max(order[0].size[:2]) + 0.03 * request.margin)
     table = _make_table_with_objects(objects, request)
@@ -83,17 +89,8 @@ def plan_stack_task(objects: Sequence[PromptObject], request: TaskRequest) -> Pl
     return PlacementPlan("stack", (target,), tuple(moves), exact=True)
 
 
-def _is_steady_stack(order: Sequence[PromptObject]) -> bool:
-    """Whether each object can rest on the previous object, and the cup clears the last."""
-    for below, above in pairwise(order):
-        wider = all(b >= a - 0.004 for a, b in zip(above.size[:2], below.size[:2], strict=True))
-        if not wider or not below.is_flat_topped:
-            return False
-    return len(order) > 1 and sum(obj.size[2] for obj in order) <= 0.26
-
-
 def plan_sort_task(objects: Sequence[PromptObject], request: TaskRequest) -> PlacementPlan | None:
-    """Each group, by colour or by category, onto a zone of its own."""
+    """Put each group, by colour or by category, onto its own zone."""
     keys: dict[str, Callable[[PromptObject], str]] = {"color": lambda obj: obj.color, "kind": lambda obj: obj.category}
     criteria = [request.criterion] if request.criterion in keys else ["color", "kind"]
     for criterion in criteria:
@@ -115,7 +112,7 @@ def plan_sort_task(objects: Sequence[PromptObject], request: TaskRequest) -> Pla
 
 
 def plan_line_task(objects: Sequence[PromptObject], request: TaskRequest) -> PlacementPlan | None:
-    """Side by side on a strip, from the shortest to the tallest."""
+    """Put the objects side by side on a strip, from the shortest to the tallest."""
     order = sorted(objects, key=lambda obj: (obj.size[2], obj.name))
     if len(order) < 2:
         return None
@@ -140,7 +137,7 @@ def plan_place_task(objects: Sequence[PromptObject], request: TaskRequest) -> Pl
 
 
 def plan_distribute_task(objects: Sequence[PromptObject], request: TaskRequest) -> PlacementPlan | None:
-    """Each onto a mark of its own."""
+    """Put each object onto its own mark."""
     if not 2 <= len(objects) <= 4:
         return None
     table, targets, moves = _make_table_with_objects(objects, request), list[Target](), list[Move]()
@@ -208,7 +205,7 @@ def _list_arrangements_of_objects(objects: Sequence[PromptObject], request: Task
 def _make_moves_to_rows(
     objects: Sequence[PromptObject], target: Target, rows: RowLayout, floor: float = 0.0
 ) -> tuple[Move, ...]:
-    """Each object to its place in the rows, standing ``floor`` metres above the table."""
+    """Move each object to its place in the rows, its underside ``floor`` metres above the table."""
     pairs = zip(objects, rows.offsets, strict=True)
     return tuple(Move(obj, target, (x, y, floor + obj.size[2] / 2)) for obj, (x, y) in pairs)
 

@@ -1,10 +1,10 @@
-"""Parse the tasks of any author into clauses, each with its objects and their destination.
+"""Parser of tasks into clauses, each with its objects and their destination.
 
-Words that no family covers are refused, never taken for something else.
+Words that no family covers are refused.
 """
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from grs_agents.base.errors import GrsError
@@ -24,7 +24,7 @@ class Clause:
     family: Family
     text: str  # its words, lower case
     moved: tuple[PromptObject, ...]  # the objects to move, in the order in which they are named
-    support: PromptObject | None  # the object of the scene that they go into or onto, which stays where it is
+    support: PromptObject | None  # the object of the scene that receives them and keeps its place
 
 
 _VERB = r"(?:put|place|pack|stack|sort|group|line up|arrange|clear|move|swap|exchange|set|lay|stand|bring)\b"
@@ -40,7 +40,7 @@ _ORDER_NOT_COVERED = re.compile(r"\bby (?!side|colou?r|kind|categor|type|height|
 
 
 def parse_clauses(task: Json, objects: Sequence[PromptObject]) -> list[Clause]:
-    """Parse the clauses of ``task``; ``objects`` are those of the scene that it names.
+    """Parse the clauses of ``task``; ``objects`` are the scene's objects that it names.
 
     Raises:
         UnplannableTaskError: no family covers the words.
@@ -50,50 +50,35 @@ def parse_clauses(task: Json, objects: Sequence[PromptObject]) -> list[Clause]:
     spoken = [_find_mentioned_objects(text, objects) for text in texts]
     named = {obj.name for mentions in spoken for obj in mentions}
     unnamed = [obj for obj in objects if obj.name not in named]
-    return [
-        _parse_clause(name if len(texts) == 1 else "", text, mentions, unnamed)
-        for text, mentions in zip(texts, spoken, strict=True)
-    ]
-
-
-def _parse_clause(
-    name: str, text: str, mentions: Mapping[PromptObject, str], unnamed: Sequence[PromptObject]
-) -> Clause:
-    ends = [obj for obj, pattern in mentions.items() if re.search(f"{_WHERETO}{pattern}", text)]
-    ends = [obj for obj in ends if obj.hollow] or ends
-    plain = text  # without labels, which might pass for a word about the family
-    for obj, pattern in sorted(mentions.items(), key=lambda item: -len(item[1])):
-        plain = re.sub(pattern, "container" if obj in ends and obj.hollow else "it", plain)
-    family = infer_task_family(name, plain)
-    order = _ORDER_NOT_COVERED.search(plain) if family in ("sort", "line") else None
-    if beyond := _NOT_COVERED.search(plain) or order:
-        raise UnplannableTaskError(f"the words {beyond[0]!r} of the task ask for what no task family here does")
-    support = _choose_support_object(family, ends, mentions, unnamed)
-    if family == "place" and support:
-        family = "pack" if support.hollow else "stack"
-    moved = tuple(obj for obj in mentions if obj is not support) or tuple(unnamed)
-    return Clause(family, text, tuple(obj for obj in moved if obj is not support), support)
-
-
-def _choose_support_object(
-    family: Family, ends: Sequence[PromptObject], mentions: Iterable[PromptObject], unnamed: Sequence[PromptObject]
-) -> PromptObject | None:
-    """The object that others are put into or onto: an object in that place of the sentence, or an unnamed container.
-
-    Raises:
-        UnplannableTaskError: there are several.
-    """
-    if family not in ("pack", "stack", "place"):
-        return None
-    if len(ends) > 1:
-        raise UnplannableTaskError(f"{ends[0].label} and {ends[1].label} are both places for things in one sentence")
-    spoken = {obj.asset for obj in mentions}
-    containers = [obj for obj in unnamed if obj.hollow and obj.asset not in spoken] if family == "pack" else []
-    return next(iter([*ends, *containers]), None)
+    clauses: list[Clause] = []
+    for text, mentions in zip(texts, spoken, strict=True):
+        ends = [obj for obj, pattern in mentions.items() if re.search(f"{_WHERETO}{pattern}", text)]
+        ends = [obj for obj in ends if obj.hollow] or ends
+        plain = text  # without labels, which might pass for a word about the family
+        for obj, pattern in sorted(mentions.items(), key=lambda item: -len(item[1])):
+            plain = re.sub(pattern, "container" if obj in ends and obj.hollow else "it", plain)
+        family = infer_task_family(name if len(texts) == 1 else "", plain)
+        order = _ORDER_NOT_COVERED.search(plain) if family in ("sort", "line") else None
+        if beyond := _NOT_COVERED.search(plain) or order:
+            raise UnplannableTaskError(f"the words {beyond[0]!r} of the task ask for what no task family here does")
+        # The object that receives the others: a mentioned object in that place, or an unnamed container.
+        support = None
+        if family in ("pack", "stack", "place"):
+            if len(ends) > 1:
+                places = f"{ends[0].label} and {ends[1].label}"
+                raise UnplannableTaskError(f"{places} are both places for things in one sentence")
+            assets = {obj.asset for obj in mentions}
+            containers = [obj for obj in unnamed if obj.hollow and obj.asset not in assets] if family == "pack" else []
+            support = next(iter([*ends, *containers]), None)
+        if family == "place" and support:
+            family = "pack" if support.hollow else "stack"
+        moved = tuple(obj for obj in mentions if obj is not support) or tuple(unnamed)
+        clauses.append(Clause(family, text, tuple(obj for obj in moved if obj is not support), support))
+    return clauses
 
 
 def find_assets_said_to_move(task: Json) -> tuple[str, ...]:
-    """The assets that the words of ``task`` name as objects to move, not only as places."""
+    """Assets that the words of ``task`` name as objects to move, not only as places."""
     text = str(task.get("task-description", "")).lower()
     stems = {str(asset): _split_asset_name(str(asset)) for asset in task.get("assets-used", [])}
     ends = [asset for asset, stem in stems.items() if re.search(f"{_WHERETO}{_make_label_regex(stem)}", text)]

@@ -118,11 +118,11 @@ class StatedMove:
     """A row of the program's ``moves``."""
 
     asset: str
-    number: int  # which of the objects of that asset, from 0, in the order in which they are added
-    support: int | None  # which of the fixed things it goes to, from 0; None for a place on the table
-    place: tuple[float, float] | None  # x, y in the frame of that thing or of the robot, metres; None: drawn at random
-    extent: tuple[float, float] | None  # the extents of a zone around that thing that will do; None: just there
-    turned: float  # by how much that thing is turned about z against the frame of place and extents, rad
+    number: int  # index among the objects of the asset, in the order of their addition
+    support: int | None  # index of the fixed object that receives it; None for a place on the table
+    place: tuple[float, float] | None  # x, y in the frame of the support or of the robot, m; None if drawn at random
+    extent: tuple[float, float] | None  # extents of the zone around the support, m; None for an exact place
+    turned: float  # yaw of the support against the frame of place and extents, rad
 
 
 def author_tests(prompt: PromptText) -> str:
@@ -131,11 +131,11 @@ def author_tests(prompt: PromptText) -> str:
 
 
 fix_tests = author_tests
-"""Reply to the ``fix_tests`` prompt: the tests written anew."""
+"""Reply to the ``fix_tests`` prompt: the tests, rewritten."""
 
 
 def fill_test_template(program: str, task: Json) -> str:
-    """The tests of a program and its task, for the moves in the program's own rows and in the task's words."""
+    """The tests of a program and its task, for the moves in the program's rows and in the task's words."""
     title = program_edits.find_task_class_name(program)
     description = str(task.get("task-description", "")).replace("\\", "").replace('"', "'")
     rows = [astuple(move) for move in _parse_stated_moves(program)]
@@ -150,19 +150,12 @@ def fill_test_template(program: str, task: Json) -> str:
 
 
 def _parse_stated_moves(source: str) -> list[StatedMove]:
-    """The moves in their order; none in a program that is written another way."""
+    """The moves in their order; empty for a program without a list ``moves``."""
     tree = program_edits.parse_syntax_tree(source) or ast.Module([], [])
     values = {ast.unparse(node.targets[0]): node.value for node in ast.walk(tree) if isinstance(node, ast.Assign)}
-    rows, added = values.get("moves"), _find_added_objects(tree)
+    rows = values.get("moves")
     if not isinstance(rows, ast.List):
         return []
-    is_zone = "metric='zone'" in [ast.unparse(node) for node in ast.walk(tree) if isinstance(node, ast.keyword)]
-    moves = [_parse_move_row(row, values, added, is_zone) for row in rows.elts if isinstance(row, ast.Tuple)]
-    return [move for move in moves if move is not None]
-
-
-def _find_added_objects(tree: ast.Module) -> list[tuple[str, str, str]]:
-    """The variable, asset and pose of each ``env.add_object`` in order, as source; no variable for a fixed object."""
     calls = sorted(
         (
             node
@@ -174,12 +167,14 @@ def _find_added_objects(tree: ast.Module) -> list[tuple[str, str, str]]:
         ),
         key=lambda node: node.lineno,
     )
-    added: list[tuple[str, str, str]] = []
+    added: list[tuple[str, str, str]] = []  # variable (none for a fixed object), asset and pose of each, as source
     for node in calls:
         call: Any = node.value
         variable = ast.unparse(node.targets[0]) if isinstance(node, ast.Assign) else ""
         added.append((variable, ast.unparse(call.args[0]).strip("'"), ast.unparse(call.args[1])))
-    return added
+    is_zone = "metric='zone'" in [ast.unparse(node) for node in ast.walk(tree) if isinstance(node, ast.keyword)]
+    moves = [_parse_move_row(row, values, added, is_zone) for row in rows.elts if isinstance(row, ast.Tuple)]
+    return [move for move in moves if move is not None]
 
 
 def _parse_move_row(
@@ -194,10 +189,10 @@ def _parse_move_row(
     if asset is None:
         return None
     alike = [name for name, added_asset, _ in added if added_asset == asset]
-    fixed = [where for name, _, where in added if not name]
-    at_pose = [where.lstrip("(").startswith(ast.unparse(pose)) for where in fixed]
+    fixed = [placed for name, _, placed in added if not name]
+    at_pose = [placed.lstrip("(").startswith(ast.unparse(pose)) for placed in fixed]
     support = at_pose.index(True) if any(at_pose) else None
-    # A named size is that of the whole zone; a literal size is that of the object's own spot, as its place is.
+    # A named size is the whole zone's; a literal size is the object's spot's.
     extents = _parse_literal(values.get(size.id)) if is_zone and isinstance(size, ast.Name) else None
     origin, shift = _parse_literal(values.get(ast.unparse(pose))), _parse_literal(offset)
     place = None  # drawn at random
@@ -205,24 +200,15 @@ def _parse_move_row(
         x, y = (0.0, 0.0) if support is not None else origin[0][:2]
         place = x + shift[0], y + shift[1]
     extent = (extents[0], extents[1]) if extents else None
-    return StatedMove(
-        asset,
-        alike.index(variable),
-        support,
-        place,
-        extent,
-        _find_yaw_of_fixed(fixed[support]) if support is not None else 0.0,
-    )
-
-
-def _find_yaw_of_fixed(where: str) -> float:
-    """The yaw of a fixed object whose pose has a rotation of its own; else 0."""
-    pose = ast.parse(where, mode="eval").body
-    rotation = _parse_literal(pose.elts[1]) if isinstance(pose, ast.Tuple) and len(pose.elts) == 2 else None
-    if rotation is None:
-        return 0.0
-    x, y, z, w = rotation
-    return round(math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)), 4)
+    yaw = 0.0  # of a fixed object whose pose has a rotation
+    if support is not None:
+        fixed_pose = ast.parse(fixed[support], mode="eval").body
+        if isinstance(fixed_pose, ast.Tuple) and len(fixed_pose.elts) == 2:
+            rotation = _parse_literal(fixed_pose.elts[1])
+            if rotation is not None:
+                x, y, z, w = rotation
+                yaw = round(math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)), 4)
+    return StatedMove(asset, alike.index(variable), support, place, extent, yaw)
 
 
 def _parse_literal(node: ast.expr | None) -> Any:

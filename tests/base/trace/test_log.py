@@ -19,15 +19,15 @@ from grs_agents.base.trace.log import EventLog, read_events
 
 
 def test_events_are_stamped_written_and_told_in_order(tmp_path: Path) -> None:
-    told: list[Event] = []
+    received: list[Event] = []
     with EventLog(tmp_path / "events.jsonl") as log:
-        log.subscribe(told.append)
+        log.subscribe(received.append)
         first = log.append(NodeStarted(node="route", visit=2))
         log.attempt = 3
         second = log.append(Note(text="line\nbreak \ud800"))
     assert (first.sequence, first.attempt, second.sequence, second.attempt) == (0, 0, 1, 3)
     assert first.time > 1e9
-    assert told == [first, second] == read_events(tmp_path / "events.jsonl")
+    assert received == [first, second] == read_events(tmp_path / "events.jsonl")
 
 
 def test_an_event_is_in_the_file_before_anybody_is_told(tmp_path: Path) -> None:
@@ -133,20 +133,20 @@ except InputError as error:
 
 
 def test_a_failing_subscriber_is_reported_once_and_stops_nobody(tmp_path: Path) -> None:
-    told: list[Event] = []
+    received: list[Event] = []
 
     def fail(event: Event) -> None:
         raise ValueError("no screen")
 
     with EventLog(tmp_path / "events.jsonl") as log:
         log.subscribe(fail)
-        log.subscribe(told.append)
+        log.subscribe(received.append)
         with pytest.warns(RuntimeWarning, match=r"fail failed at event 0 \(note\).*ValueError: no screen"):
             log.append(Note(text="a"))
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             log.append(Note(text="b"))
-    assert [event.sequence for event in told] == [0, 1]
+    assert [event.sequence for event in received] == [0, 1]
 
 
 def test_an_interrupt_in_a_subscriber_goes_through(tmp_path: Path) -> None:
@@ -162,8 +162,8 @@ def test_an_interrupt_in_a_subscriber_goes_through(tmp_path: Path) -> None:
 
 def test_threads_never_mix_lines_or_numbers(tmp_path: Path) -> None:
     log = EventLog(tmp_path / "events.jsonl")
-    told: list[int] = []
-    log.subscribe(lambda event: told.append(event.sequence))
+    received: list[int] = []
+    log.subscribe(lambda event: received.append(event.sequence))
 
     def write() -> None:
         for _ in range(50):
@@ -174,7 +174,7 @@ def test_threads_never_mix_lines_or_numbers(tmp_path: Path) -> None:
         thread.start()
     for thread in threads:
         thread.join()
-    assert [event.sequence for event in read_events(log.path)] == list(range(200)) == told
+    assert [event.sequence for event in read_events(log.path)] == list(range(200)) == received
 
 
 def test_a_killed_writer_leaves_every_event_it_appended(tmp_path: Path) -> None:

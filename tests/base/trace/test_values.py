@@ -39,8 +39,8 @@ def test_what_is_long_or_deep_is_told_by_its_size() -> None:
         "pose": [1.0, 2.0],
         "deep": {"a": {"b": 1}},
     }
-    told = {"outcome": "failed", "cases": "2 items", "pose": [1.0, 2.0], "deep": {"a": "1 fields"}}
-    assert summarise_value(report) == told
+    summary = {"outcome": "failed", "cases": "2 items", "pose": [1.0, 2.0], "deep": {"a": "1 fields"}}
+    assert summarise_value(report) == summary
     assert summarise_value("class A:\n    pass\n") == "2 lines, 18 characters"
     assert summarise_value({"scene": dict.fromkeys(map(str, range(40)), 0)}) == {"scene": "40 fields"}
     assert summarise_value(3) == 3
@@ -49,6 +49,6 @@ def test_what_is_long_or_deep_is_told_by_its_size() -> None:
 
 @given(TREES)
 def test_a_brief_value_is_plain_and_stays_short(value: Any) -> None:
-    told = summarise_value(value)
-    assert to_plain_json(told) == told
-    assert not isinstance(told, list) or len(told) <= 4
+    summary = summarise_value(value)
+    assert to_plain_json(summary) == summary
+    assert not isinstance(summary, list) or len(summary) <= 4

@@ -1,11 +1,10 @@
-"""The role ``judge`` by rules: all requests of the words happen, goals ask for them, and nothing else moves.
+"""The role ``judge`` by rules: the words' requests all happen, goals ask for them, and nothing else moves.
 
 It abstains if it does not know a word.
 """
 
 import json
 import re
-from collections.abc import Sequence
 from itertools import islice, product
 
 from grs_agents.models.offline.judging.checks import require_requests_are_met
@@ -21,7 +20,6 @@ from grs_agents.models.offline.judging.reading import (
     OTHERS,
     PUSHING,
     SWAPPING,
-    ParsedWords,
     Phrase,
     Request,
     read_request_words,
@@ -48,7 +46,7 @@ def judge_words(prompt: PromptText) -> str:
     scene = parse_scene(prompt.section_json_rows("objects"), prompt.section_body("goals"))
     verdict, reason = "agrees", _AGREES
     try:
-        _require_scene_matches_reading(read_request_words(prompt.section_body("words"), scene.nouns), scene)
+        _require_scene_matches_words(prompt.section_body("words"), scene)
         for line in prompt.section_body("further words").splitlines():  # name: ... or goal 1 and 2: ...
             if (saying := _SAYING.fullmatch(line.strip())) is None:
                 continue
@@ -60,8 +58,9 @@ def judge_words(prompt: PromptText) -> str:
     return f"```json\n{json.dumps({'verdict': verdict, 'reason': reason}, ensure_ascii=False)}\n```"
 
 
-def _require_scene_matches_reading(reading: ParsedWords, scene: Scene) -> None:
-    """Raises ``Differs`` or ``Unclear`` unless the scene agrees with the parsed words."""
+def _require_scene_matches_words(words: str, scene: Scene) -> None:
+    """Raises ``Differs`` or ``Unclear`` unless the scene agrees with the words."""
+    reading = read_request_words(words, scene.nouns)
     if reading.impossible:
         raise Differs(f"the words ask to {reading.impossible[0]}, which this robot cannot do")
     if reading.unknown:
@@ -83,7 +82,7 @@ def _require_scene_matches_reading(reading: ParsedWords, scene: Scene) -> None:
 
 
 def _find_contradiction(text: str, numbers: set[int], scene: Scene) -> str:
-    """Fault of a line; ``numbers`` are those of its goals, none for the name of the task.
+    """Fault of a line; ``numbers`` are its goals' numbers, empty for the name of the task.
 
     If words are unknown, only the motion of the named objects is checked.
     """
@@ -112,39 +111,27 @@ def _explain_contradicted_request(request: Request, scene: Scene, named: bool, w
             if loose and phrase.pronoun not in OTHERS and all(thing.has_moved for thing in loose):
                 return f"{phrase.text} moves"
         return ""
-    read = [
-        _find_moved_things(phrase, scene, named, whole)
-        for phrase in request.movers
-        if bool(phrase.nouns) and not phrase.has_no_specific_noun and not phrase.is_bare_table
-    ]
-    fault = next(filter(None, (fault for _, fault in read)), "")
-    if fault or not whole:
-        return fault
+    moved: list[Thing] = []
+    places = {place for thing in scene.things.values() for goal in thing.goals for row in goal for _, place in row}
+    for phrase in request.movers:
+        if not phrase.nouns or phrase.has_no_specific_noun or phrase.is_bare_table:
+            continue
+        meant = scene.find(phrase)
+        if not meant and named:  # a name joins words without articles, and may name only the place of objects
+            meant = [thing for noun in phrase.nouns for thing in scene.find(Phrase((noun,)))]
+        if not meant and whole and not named:
+            return f"there is no such thing as {phrase.text}"
+        moving = [thing for thing in meant if bool(thing.goals) and (thing.has_moved or thing.turned > 0)]
+        if meant and not moving and not any(thing.fixed or thing.id in places for thing in meant):
+            return f"{meant[0].label} is not moved"
+        moved += moving
+    if not whole:
+        return ""
     for phrase in (phrase for _, phrases in request.relations for phrase in phrases):
         known = phrase.is_bare_table or phrase.pronoun or phrase.has_no_specific_noun or {*phrase.unknown} & _NO_THINGS
         if not known and not scene.find(phrase):
             return f"there is no such thing as {phrase.text}"
-    return _explain_wrong_end_pose(request, [thing for things, _ in read for thing in things], scene)
-
-
-def _find_moved_things(phrase: Phrase, scene: Scene, named: bool, whole: bool) -> tuple[list[Thing], str]:
-    """Objects of a phrase that move, and the reason if there are none.
-
-    A name joins words without articles, and may name only the place of objects.
-    """
-    meant = scene.find(phrase) or (
-        [thing for noun in phrase.nouns for thing in scene.find(Phrase((noun,)))] if named else []
-    )
-    if not meant:
-        return [], f"there is no such thing as {phrase.text}" if whole and not named else ""
-    moved = [thing for thing in meant if bool(thing.goals) and (thing.has_moved or thing.turned > 0)]
-    places = {place for thing in scene.things.values() for goal in thing.goals for row in goal for _, place in row}
-    still = not moved and not any(thing.fixed or thing.id in places for thing in meant)
-    return moved, f"{meant[0].label} is not moved" if still else ""
-
-
-def _explain_wrong_end_pose(request: Request, moved: Sequence[Thing], scene: Scene) -> str:
-    """Fault of the final poses, if it applies to every object that the words may mean."""
+    # Final poses, at fault only if the fault applies to every object that the words may mean
     if not moved:
         return ""
     references = [reference for thing in moved for goal in thing.goals for row in goal for reference in row]

@@ -9,7 +9,7 @@ from grs_agents.models.offline.judging.scene import Scene, Thing, distance_betwe
 from grs_agents.models.offline.prompt_text import split_words
 
 _BESIDE, _BESIDE_SMALL = 0.12, 0.05
-"""Largest distance (m) of two objects beside each other, and if either is small."""
+"""Largest distance (m) of two large objects, and of a small object and any object, beside each other."""
 _ASIDE = 0.02
 """Least offset (m) to a side."""
 
@@ -33,28 +33,27 @@ def list_place_combinations(request: Request, scene: Scene) -> list[Places]:
         Unclear: words for a single place fit several.
     """
     for_each = bool(request.orders & {"own", "owncolor"})
-    spoken = [(how, phrase) for how, phrases in request.relations for phrase in phrases]
-    return list(product(*(_list_places_for_phrase(how, phrase, for_each, scene) for how, phrase in spoken)))
-
-
-def _list_places_for_phrase(how: str, phrase: Phrase, for_each: bool, scene: Scene) -> Sequence[Thing | None]:
-    """Interpretations of a phrase."""
-    if phrase.is_bare_table:
-        return [None]
-    meant = scene.find(phrase)
-    if not meant and not phrase.pronoun:
-        raise Differs(f"there is no such thing as {phrase.text}")
-    require_several(phrase, meant)
-    if phrase.pronoun in OTHERS and phrase.nouns and not phrase.plural and phrase.article != "all":
-        raise Unclear(f"which is the other {phrase.nouns[-1]} is not understood")
-    if phrase.vacant:
-        for thing in scene.things.values():
-            if thing.is_initially_in_any({place.id for place in meant}):
-                raise Differs(f"{thing.label} stands there at the start, the words call {phrase.text} free")
-    single = phrase.article == "the" and not phrase.plural and not for_each
-    if not (meant and single):
-        return [None]
-    return narrow_to_things_meant(phrase, prefer_hollow_things(meant) if how in ("in", "outof") else meant)
+    interpretations: list[Sequence[Thing | None]] = []  # of each phrase
+    for how, phrase in ((how, phrase) for how, phrases in request.relations for phrase in phrases):
+        if phrase.is_bare_table:
+            interpretations.append([None])
+            continue
+        meant = scene.find(phrase)
+        if not meant and not phrase.pronoun:
+            raise Differs(f"there is no such thing as {phrase.text}")
+        require_several(phrase, meant)
+        if phrase.pronoun in OTHERS and phrase.nouns and not phrase.plural and phrase.article != "all":
+            raise Unclear(f"which is the other {phrase.nouns[-1]} is not understood")
+        if phrase.vacant:
+            for thing in scene.things.values():
+                if thing.is_initially_in_any({place.id for place in meant}):
+                    raise Differs(f"{thing.label} stands there at the start, the words call {phrase.text} free")
+        if meant and phrase.article == "the" and not phrase.plural and not for_each:
+            narrowed = prefer_hollow_things(meant) if how in ("in", "outof") else meant
+            interpretations.append(narrow_to_things_meant(phrase, narrowed))
+        else:
+            interpretations.append([None])
+    return list(product(*interpretations))
 
 
 def require_several(phrase: Phrase, fitting: Sequence[Thing]) -> None:
@@ -69,7 +68,7 @@ def prefer_hollow_things(fitting: list[Thing]) -> list[Thing]:
 
 
 def narrow_to_things_meant(phrase: Phrase, fitting: Sequence[Thing]) -> list[Thing]:
-    """Objects that words mean out of those that they fit: of several, the object whose name matches exactly, if unique.
+    """Objects that a phrase means, out of ``fitting``: of several, the object whose name matches exactly, if unique.
 
     Raises:
         Unclear: they mean a single object and fit several.
@@ -86,18 +85,15 @@ def narrow_to_things_meant(phrase: Phrase, fitting: Sequence[Thing]) -> list[Thi
 
 def explain_misplacement(thing: Thing, request: Request, places: Places, scene: Scene) -> str:
     """Fault of an object's final place; empty if there is none."""
-    chosen, own_color = iter(places), "owncolor" in request.orders
+    chosen = iter(places)
     for how, phrases in request.relations:
-        named = [
+        options = [
             scene.find(phrase) if place is None else [place] for phrase, place in zip(phrases, chosen, strict=False)
         ]
-        options = (
-            [[candidate for candidate in row if candidate.color == thing.color] for row in named]
-            if own_color
-            else named
-        )
+        if "owncolor" in request.orders:
+            options = [[candidate for candidate in row if candidate.color == thing.color] for row in options]
         if any(phrase.is_bare_table for phrase in phrases):
-            there = how in ("on", "at") and not request.has_carrier  # and not: in the box on the table
+            there = how in ("on", "at") and not request.has_carrier  # unlike "in the box on the table"
             fault = _explain_not_on_table(thing, request, scene) if there else ""
         else:
             ways = [options]
@@ -112,8 +108,7 @@ def explain_misplacement(thing: Thing, request: Request, places: Places, scene: 
 
 
 def _explain_not_on_table(thing: Thing, request: Request, scene: Scene) -> str:
-    """Fault of the final place of an object that the words put on the table; a place under the object itself is not
-    free."""
+    """Fault of the final place of an object that the words put on the table; its initial place is not free."""
     if thing.ends:
         return f"{thing.label} does not end on the bare table"
     if not thing.stood and thing.moved < thing.measure(0):
@@ -133,45 +128,48 @@ def _is_relation_met(how: str, thing: Thing, options: Sequence[Sequence[Thing]],
         options = [*options, *options] if len(options) == 1 else options
         pairs = list(product(*options)) if len(options) == 2 else []
         return _holds_wherever_asked(thing, lambda moved: any(_is_between(moved, *pair) for pair in pairs))
-    return any(_HOLDS.get(how, _is_to_the_side)(how, thing, place, scene) for place in places)
+    if how == "outof":
+        stood = {number for _, number in scene.trace_supports(thing.stood, at_start=True)}
+        left = stood - {number for _, number in scene.trace_supports(thing.ends)}
+        return any(place.id in left for place in places)
+    holds = _is_next_to_place if how in ("beside", "around") else _is_to_the_side
+    return any(holds(how, thing, place, scene) for place in places)
 
 
 def _holds_wherever_asked(thing: Thing, holds: Callable[[Thing], bool]) -> bool:
-    """Whether a condition holds at each spot that an object's goal allows; never if the goal leaves the spot open."""
+    """True if a condition holds at each spot that an object's goal allows; False if the goal leaves the spot open."""
     return thing.is_pinned and all(holds(moved) for moved in (thing, *thing.list_asked_ends()))
 
 
 def _is_between(thing: Thing, first: Thing, second: Thing) -> bool:
-    """Whether the centre of an object lies in the strip between two others, as wide as they are."""
+    """True if the centre of an object lies in the strip between two objects, as wide as they are."""
     if thing.id in (first.id, second.id) or first is second:
         return False
     (x, y), (x0, y0), (x1, y1) = thing.end[:2], first.end[:2], second.end[:2]
     length = math.hypot(x1 - x0, y1 - y0)
     if length == 0:
         return False
-    gone = ((x - x0) * (x1 - x0) + (y - y0) * (y1 - y0)) / length**2
+    along = ((x - x0) * (x1 - x0) + (y - y0) * (y1 - y0)) / length**2
     aside = abs((x - x0) * (y1 - y0) - (y - y0) * (x1 - x0)) / length
-    return 0 < gone < 1 and aside <= ((1 - gone) * first.measure(1) + gone * second.measure(1)) / 2
+    return 0 < along < 1 and aside <= ((1 - along) * first.measure(1) + along * second.measure(1)) / 2
 
 
 def _is_to_the_side(how: str, thing: Thing, place: Thing, scene: Scene) -> bool:
-    if not _is_outside_of_place(thing, place, scene):
-        return False
-    return _holds_wherever_asked(thing, lambda moved: _is_seen_to_the_side(how, moved, place, scene))
+    """True if an object ends to this side of ``place``, not the next side, without a nearer object in line."""
 
+    def is_seen_to_the_side(moved: Thing) -> bool:
+        along, across = _offset_to_side(how, moved, place)
+        in_line = across <= place.measure(1) / 2
+        if along <= _ASIDE or not (in_line or across <= along):
+            return False
+        return in_line or not any(
+            _ASIDE < nearer < along and off <= neighbor.measure(1) / 2
+            for neighbor in scene.things.values()
+            if neighbor.id not in (moved.id, place.id)
+            for nearer, off in [_offset_to_side(how, moved, neighbor)]
+        )
 
-def _is_seen_to_the_side(how: str, thing: Thing, place: Thing, scene: Scene) -> bool:
-    """Whether an object ends to this side of ``place``, not the next side, without a nearer object in line."""
-    along, across = _offset_to_side(how, thing, place)
-    in_line = across <= place.measure(1) / 2
-    if along <= _ASIDE or not (in_line or across <= along):
-        return False
-    return in_line or not any(
-        _ASIDE < nearer < along and off <= neighbor.measure(1) / 2
-        for neighbor in scene.things.values()
-        if neighbor.id not in (thing.id, place.id)
-        for nearer, off in [_offset_to_side(how, thing, neighbor)]
-    )
+    return _is_outside_of_place(thing, place, scene) and _holds_wherever_asked(thing, is_seen_to_the_side)
 
 
 def _offset_to_side(how: str, thing: Thing, place: Thing) -> tuple[float, float]:
@@ -196,23 +194,12 @@ def reach_beside(first: Thing, second: Thing) -> float:
 
 
 def _is_outside_of_place(thing: Thing, place: Thing, scene: Scene) -> bool:
-    """Whether an object ends neither in nor on ``place``, at a place that its goal fixes."""
+    """True if an object ends neither in nor on ``place``, at a place that its goal fixes."""
     if any(how == "beside" for goal in thing.goals for references in goal for how, _ in references):
         return False
     return place.id not in {number for _, number in scene.trace_supports(thing.ends)}
 
 
-def _is_taken_out_of_place(how: str, thing: Thing, place: Thing, scene: Scene) -> bool:
-    del how
-    stood = {number for _, number in scene.trace_supports(thing.stood, at_start=True)}
-    return place.id in stood - {number for _, number in scene.trace_supports(thing.ends)}
-
-
-_HOLDS: dict[str, Callable[[str, Thing, Thing, Scene], bool]] = {
-    "beside": _is_next_to_place,
-    "around": _is_next_to_place,
-    "outof": _is_taken_out_of_place,
-}
 _SPOKEN = {"leftof": "left of", "rightof": "right of", "infront": "in front of", "outof": "out of"}
 _SIDES = {"leftof": (1, 1), "rightof": (1, -1), "behind": (0, 1), "infront": (0, -1)}
 """Axis and sign of each side, as the robot sees it: x away from it, y to its left."""

@@ -11,7 +11,7 @@ from grs_agents.models.offline.prompt_text import COLORS, split_words
 
 
 def split_into_word_set(text: str) -> frozenset[str]:
-    """The words of a text."""
+    """Set of the words of a text."""
     return frozenset(split_words(text))
 
 
@@ -43,9 +43,15 @@ _SIZES = {
     **dict.fromkeys(("narrow", "thin"), (0, -1)),
     "long": (1, 1),
 }
-"""Words of size: which measure (0 least width, 1 greatest width, 2 height, 3 volume), and whether great or little."""
+"""Words of size: measure (0 least width, 1 greatest width, 2 height, 3 volume), and 1 for great or -1 for little."""
 _SIDES = {"left": (4, 1, True), "leftmost": (4, 1, True), "right": (4, -1, True), "rightmost": (4, -1, True)}
 """Words that select an object by its place at the start."""
+_SUPERLATIVES = {
+    superlative: (measure, sign, True)
+    for word, (measure, sign) in reversed(_SIZES.items())
+    for superlative in (f"{word}est", f"{word}st", f"{word}{word[-1]}est")
+}
+_SELECTING = {**_SUPERLATIVES, **{word: (measure, sign, False) for word, (measure, sign) in _SIZES.items()}, **_SIDES}
 PREPOSITIONS = {"in", "on", "beside", "leftof", "rightof", "infront", "behind", "between", "around", "outof", "at"}
 GENERIC = {"object", "item", "thing", "piece", "grocery", "stuff", "good", "product", "one"}
 PRONOUNS = {"it", "them", "they", "everything", "both", "all", "each", "these", "those", "anything"}
@@ -82,8 +88,8 @@ _SINGLE = (
     (r"\bout of\b|\boff\b|\baway from\b|\bfrom inside\b", " outof "),
     *(
         (rf"\bfrom (?:the )?(?:{begin}) to (?:the )?(?:{end})\b", f" {order} ")
-        for one, other, *orders in _SPANS
-        for begin, end, order in ((one, other, orders[0]), (other, one, orders[1]))
+        for low, high, *orders in _SPANS
+        for begin, end, order in ((low, high, orders[0]), (high, low, orders[1]))
     ),
     (r"\bfrom (?:the )?bottom up\b|\bbottom up\b", " bottomup "),
     (r"\bfrom (?:the )?top down\b|\btop down\b", " topdown "),
@@ -100,8 +106,8 @@ _SINGLE = (
     (r"\bof (?:its|their) own\b", " own "),
     *(
         (rf"\b(?:the )?(?:{words}) first\b", f" {order} sizedfirst ")
-        for one, other, *orders in _SPANS[2:]
-        for words, order in zip((one, other), orders, strict=True)
+        for low, high, *orders in _SPANS[2:]
+        for words, order in zip((low, high), orders, strict=True)
     ),
     (
         r"\b(?:change|exchange|swap|switch|trade)s? (?:their )?places?(?: with)?(?: each other| one another)?\b",
@@ -139,10 +145,10 @@ class Phrase:
 
     nouns: tuple[str, ...] = ()
     colors: tuple[str, ...] = ()
-    sizes: tuple[tuple[int, int, bool], ...] = ()  # measure, great or little, whether it is the greatest or least
+    sizes: tuple[tuple[int, int, bool], ...] = ()  # measure, great (1) or little (-1), superlative
     number: int | None = None
     article: str = ""  # the, a, each, all
-    plurals: tuple[str, ...] = ()  # the nouns among them that stand in the plural
+    plurals: tuple[str, ...] = ()  # nouns in the plural
     pronoun: str = ""
     unknown: tuple[str, ...] = ()
     vacant: bool = False  # nothing is in or on it
@@ -154,27 +160,27 @@ class Phrase:
 
     @property
     def is_bare_table(self) -> bool:
-        """Whether it means the bare table."""
+        """True if it means the bare table."""
         return "table" in self.nouns
 
     @property
     def has_no_specific_noun(self) -> bool:
-        """Whether it names no kind of object: "the objects"."""
+        """True if it names no kind of object: "the objects"."""
         return {*self.nouns} <= GENERIC
 
     @property
     def plural(self) -> bool:
-        """Whether a noun is plural."""
+        """True if a noun is plural."""
         return bool(self.plurals)
 
     @property
     def means_all(self) -> bool:
-        """Whether it means all objects that it fits."""
+        """True if it means all objects that it fits."""
         return self.plural or self.article in ("all", "each") or self.pronoun in OTHERS | {"everything", "all", "each"}
 
     @property
     def has_referent(self) -> bool:
-        """Whether it has a noun, a pronoun or an unknown word."""
+        """True if it has a noun, a pronoun or an unknown word."""
         return bool(self.nouns or self.pronoun or self.unknown)
 
 
@@ -186,21 +192,21 @@ class Request:
     movers: list[Phrase] = field(default_factory=list[Phrase])
     relations: list[tuple[str, list[Phrase]]] = field(default_factory=list[tuple[str, list[Phrase]]])
     orders: set[str] = field(default_factory=set[str])
-    heading: bool = False  # the requests after it say it in detail
-    after: bool = False  # it comes after those before it
-    first: bool = False  # or before all others
-    last: bool = False  # or after them
+    heading: bool = False  # the requests after it give the details
+    after: bool = False  # after the previous requests in time
+    first: bool = False  # before all others
+    last: bool = False  # after all others
 
     @property
     def has_carrier(self) -> bool:
-        """Whether it puts objects in or on anything but the table."""
+        """True if it puts objects in or on an object, not the table."""
         places = [phrases for how, phrases in self.relations if how in ("in", "on", "at")]
         return any(not phrase.is_bare_table for phrases in places for phrase in phrases)
 
 
 @dataclass
 class ParsedWords:
-    """All that the words ask for."""
+    """The requests of the words, and the words that are no request."""
 
     requests: list[Request] = field(default_factory=list[Request])
     impossible: list[str] = field(default_factory=list[str])
@@ -235,13 +241,13 @@ def read_request_words(words: str, nouns: set[str]) -> ParsedWords:
 
 
 def _split_clauses(tokens: Sequence[str]) -> Iterator[list[str]]:
-    """The parts of a sentence that have a verb each."""
+    """Split a sentence into parts with a verb each."""
     clause: list[str] = []
     for index, token in enumerate(tokens):
         before = tokens[index - 1] if index else ","
         is_verb = token in KNOWN | IMPOSSIBLE and before in _JOINTS | AFTER | LAST | FIRST
         if is_verb and clause:
-            # Words that join it to the next clause, or say when that happens, belong to the next.
+            # Conjunctions and words of time belong to the next clause.
             end = len(clause)
             while end and clause[end - 1] in _JOINTS | AFTER | LAST:
                 end -= 1
@@ -290,14 +296,33 @@ class _ClauseReader:
 
     def read(self, heading: bool) -> None:
         """Add the requests of the clause to the result."""
-        verb = self._consume_verb()
-        if not verb:
+        passed = {",", "and", "but", *_IDLE, *AFTER, *FIRST, *LAST} - KNOWN - {"place"}
+        while self.at < len(self.tokens) and self.tokens[self.at] in passed:
+            self.when |= {self.tokens[self.at]} & {*AFTER, *FIRST, *LAST}
+            self.at += 1
+        if self.at == len(self.tokens):
             return
+        verb = self.tokens[self.at]
+        if verb in IMPOSSIBLE:
+            self.reading.impossible.append(verb)
+            return
+        if verb in KNOWN:
+            self.at += 1
+        else:
+            verb = "put"  # a description: the can is in the box; or a list that goes on
         request = self._append_request(Request(verb, heading=heading))
         while self.at < len(self.tokens):
             request = self._parse_next_part(request)
         self._set_order_in_time(request)
-        _share_noun_among_colors(self.reading.requests)
+        for request in self.reading.requests:
+            for phrases in (request.movers, *(places for _, places in request.relations)):
+                donor = None  # of the last noun: "the red and the blue block", "red and blue blocks"
+                for index in range(len(phrases) - 1, -1, -1):
+                    if phrases[index].has_referent:
+                        donor = index
+                    elif donor is not None:
+                        phrases[index] = replace(phrases[index], nouns=phrases[donor].nouns)
+                        phrases[donor] = replace(phrases[donor], plurals=())
 
     def _append_request(self, request: Request) -> Request:
         self._set_order_in_time(request)
@@ -329,9 +354,23 @@ class _ClauseReader:
     def _parse_next_part(self, request: Request) -> Request:
         token = self.tokens[self.at]
         if token in PREPOSITIONS:
-            return self._read_relation(request)
+            # A second preposition after the same objects is a further relation.
+            self.at += 1
+            places: list[Phrase] = []
+            while (place := self._read_phrase()) is not None:
+                places.append(place)
+                joined = self.tokens[self.at : self.at + 1] == ["and"] and token == "between" and len(places) < 2
+                if not joined:
+                    break
+                self.at += 1
+            if not places:
+                self.reading.unknown.append(token)
+            if token not in ("on", "at", "outof") and any(place.is_bare_table for place in places):
+                self.reading.unknown.append(f"{token} the table")
+            request.relations.append((token, places))
+            return request
         if token in {*SWAPPING, *ORDERS, *FIRST, *AFTER, *LAST}:
-            # DOC: A word about the request as a whole.
+            # A word about the request as a whole
             self.at += 1
             request.verb = token if token in SWAPPING else request.verb
             request.orders |= {token} & ORDERS
@@ -339,7 +378,7 @@ class _ClauseReader:
             self.when |= {token} & {*AFTER, *LAST}
             following = " ".join(self.tokens[self.at : self.at + 1])
             if request.relations and token in {*AFTER, *LAST} and following in PREPOSITIONS:
-                self.reading.unknown.append(f"{token} {following}")  # a second place, and goals hold at the end alone
+                self.reading.unknown.append(f"{token} {following}")  # a second place, but goals hold only at the end
             return request
         phrase = self._read_phrase()
         if phrase is None:
@@ -357,37 +396,14 @@ class _ClauseReader:
         request.movers.append(phrase)
         return request
 
-    def _read_relation(self, request: Request) -> Request:
-        """Parse a preposition and its phrases; a second preposition after the same objects is a further relation."""
-        how = self.tokens[self.at]
-        self.at += 1
-        places: list[Phrase] = []
-        while (phrase := self._read_phrase()) is not None:
-            places.append(phrase)
-            joined = self.tokens[self.at : self.at + 1] == ["and"] and how == "between" and len(places) < 2
-            if not joined:
-                break
-            self.at += 1
-        if not places:
-            self.reading.unknown.append(how)
-        if how not in ("on", "at", "outof") and any(place.is_bare_table for place in places):
-            self.reading.unknown.append(f"{how} the table")
-        request.relations.append((how, places))
-        return request
-
     def _read_phrase(self) -> Phrase | None:
         """Parse a noun phrase; None if the next word belongs to none."""
         phrase, begin = Phrase(), self.at
         while self.at < len(self.tokens):
-            token = self.tokens[self.at]
-            if token in _ARTICLES:
-                grown = None if phrase.has_referent or phrase.colors else self._add_article(phrase, token)
-            else:
-                grown = self._add_count(phrase, token) or self._add_color_or_size(phrase, token)
-                grown = grown or self._add_noun(phrase, token)
-            if grown is None:
+            extended = self._extend_phrase(phrase, self.tokens[self.at])
+            if extended is None:
                 break
-            phrase = grown
+            phrase = extended
             self.at += 1
         if phrase.article in ("the", "a") and not phrase.has_referent and not (phrase.colors or phrase.sizes):
             if self.at < len(self.tokens) and self.tokens[self.at].isalpha():
@@ -403,49 +419,42 @@ class _ClauseReader:
             return None
         return phrase if self.at > begin else None
 
-    def _peek_next_token(self) -> str:
-        return next(iter(self.tokens[self.at + 1 : self.at + 2]), ",")
-
-    def _add_article(self, phrase: Phrase, token: str) -> Phrase:
-        if token in ("each", "all", "both", "every"):
-            if self._peek_next_token() in PREPOSITIONS | {",", "and"} | ORDERS:
-                return replace(phrase, pronoun=token)
-            number = 2 if token == "both" else phrase.number
-            return replace(phrase, article="each" if token in ("each", "every") else "all", number=number)
-        if phrase.article in ("all", "each"):
+    def _extend_phrase(self, phrase: Phrase, token: str) -> Phrase | None:
+        """The phrase with its next word; None if the word belongs to none."""
+        following = next(iter(self.tokens[self.at + 1 : self.at + 2]), ",")
+        if token in _ARTICLES:
+            if phrase.has_referent or phrase.colors:
+                return None
+            if token in ("each", "all", "both", "every"):
+                if following in PREPOSITIONS | {",", "and"} | ORDERS:
+                    return replace(phrase, pronoun=token)
+                number = 2 if token == "both" else phrase.number
+                return replace(phrase, article="each" if token in ("each", "every") else "all", number=number)
+            if phrase.article in ("all", "each"):
+                return phrase
+            article = "each" if token in ("its", "their") else "the" if token == "the" else "a"
+            return replace(phrase, article=article)
+        # Counts
+        if token == "of" and phrase.has_referent and make_singular(following) in self.nouns | set(COLORS):
             return phrase
-        article = "each" if token in ("its", "their") else "the" if token == "the" else "a"
-        return replace(phrase, article=article)
-
-    def _add_count(self, phrase: Phrase, token: str) -> Phrase | None:
-        if token == "of" and phrase.has_referent:
-            return phrase if make_singular(self._peek_next_token()) in self.nouns | set(COLORS) else None
         if token.isdigit():
             return replace(phrase, number=int(token))
-        return replace(phrase, number=_NUMBERS.index(token)) if token in _NUMBERS and not phrase.has_referent else None
-
-    def _add_color_or_size(self, phrase: Phrase, token: str) -> Phrase | None:
-        """Colour and size precede their noun."""
-        if phrase.has_referent:
-            return None
-        if token in COLORS and not self._is_named_by_color(token):
-            return replace(phrase, colors=(*phrase.colors, token))
-        size = _parse_size_word(token)
-        if size is not None:
-            return replace(phrase, sizes=(*phrase.sizes, size))
-        if token in _PLAIN and phrase.article:
-            return replace(phrase, vacant=phrase.vacant or token in ("empty", "free"))
-        return None
-
-    def _is_named_by_color(self, token: str) -> bool:
-        """Whether a colour is a part of a name: orange juice."""
-        return token == "orange" and self._peek_next_token() == "juice" and "juice" in self.nouns
-
-    def _add_noun(self, phrase: Phrase, token: str) -> Phrase | None:
+        # Number words, colours and sizes precede their noun.
+        is_juice = following == "juice" and "juice" in self.nouns  # a colour in a name: orange juice
+        if not phrase.has_referent:
+            if token in _NUMBERS:
+                return replace(phrase, number=_NUMBERS.index(token))
+            if token in COLORS and not (token == "orange" and is_juice):
+                return replace(phrase, colors=(*phrase.colors, token))
+            if token in _SELECTING:
+                return replace(phrase, sizes=(*phrase.sizes, _SELECTING[token]))
+            if token in _PLAIN and phrase.article:
+                return replace(phrase, vacant=phrase.vacant or token in ("empty", "free"))
+        # Pronouns and nouns
         word = make_singular(token)
         if token in OTHERS or (token in PRONOUNS and not phrase.has_referent):
             return replace(phrase, pronoun=token)
-        named = word in self.nouns and (word not in COLORS or self._is_named_by_color(word))
+        named = word in self.nouns and (word not in COLORS or (word == "orange" and is_juice))
         if named or word in GENERIC or token == "table":
             plurals = (*phrase.plurals, word) if word != token else phrase.plurals
             return replace(phrase, nouns=(*phrase.nouns, word), plurals=plurals)
@@ -453,28 +462,3 @@ class _ClauseReader:
 
 
 _ARTICLES = {"the", "a", "an", "its", "their", "every", "each", "all", "both", "any"}
-
-
-def _parse_size_word(token: str) -> tuple[int, int, bool] | None:
-    """A word of size, its superlative too."""
-    if token in _SIDES:
-        return _SIDES[token]
-    if token in _SIZES:
-        return _SIZES[token][0], _SIZES[token][1], False
-    for word, (measure, sign) in _SIZES.items():
-        if token in (f"{word}est", f"{word}st", f"{word}{word[-1]}est"):
-            return (measure, sign, True)
-    return None
-
-
-def _share_noun_among_colors(requests: Sequence[Request]) -> None:
-    """Share the last noun: ``the red and the blue block``, ``red and blue blocks``."""
-    for request in requests:
-        for phrases in (request.movers, *(places for _, places in request.relations)):
-            donor = None
-            for index in range(len(phrases) - 1, -1, -1):
-                if phrases[index].has_referent:
-                    donor = index
-                elif donor is not None:
-                    phrases[index] = replace(phrases[index], nouns=phrases[donor].nouns)
-                    phrases[donor] = replace(phrases[donor], plurals=())

@@ -1,4 +1,4 @@
-"""Objects on the table, parsed from the judge's prompt: their names, their goals, and their motion."""
+"""Objects on the table, parsed from the judge's prompt: names, goals and motion."""
 
 import math
 import re
@@ -10,7 +10,7 @@ from grs_agents.models.offline.judging.reading import GENERIC, KNOWN, OTHERS, PR
 from grs_agents.models.offline.prompt_text import COLORS, Json, split_words
 
 Reference = tuple[str, int]
-"""Relation of an object to another: ``in``, ``on``, ``beside``, ``where`` (at its start), and the other's id."""
+"""Relation to a second object (``in``, ``on``, ``beside``, or ``where`` for its initial place), and its id."""
 MOVED = 0.02
 """Least distance (m) of a moved object, as in the episodes' reports."""
 _ALSO_CALLED: Mapping[str, tuple[str, ...]] = {
@@ -31,7 +31,7 @@ _FILLING = KNOWN.union(
     split_words("a an the of and with on in to for from that is at by or as no some about shaped cm x wide high other"),
     split_words("without any be given one each"),
 )
-"""Words of descriptions that call nothing."""
+"""Words of descriptions that name no object."""
 _FLAT = {"zone", "plate", "pallet", "tray", "kit", "stand", "mark", "square", "line"}
 """Objects with both "in" and "on" as their preposition."""
 _GOAL = re.compile(r"\d+\. (?P<who>.*?#\d+) ends? (?P<places>.*)")
@@ -51,11 +51,11 @@ class Thing:
     called: str
     category: str
     color: str
-    names: frozenset[str]  # by which people call it, in the singular
-    words: frozenset[str]  # and those of its description
-    # words, in the singular, that call it in the plural alone, as raisins do a box of them
+    names: frozenset[str]  # everyday names in the singular
+    words: frozenset[str]  # the names and the words of its description
+    # words, in the singular, that name it only in the plural, as raisins name a box of raisins
     plural_names: frozenset[str]
-    colors: frozenset[str]  # that people may see in it
+    colors: frozenset[str]  # visible colours
     size: tuple[float, float, float]
     start: tuple[float, float, float]
     end: tuple[float, float, float]
@@ -65,18 +65,18 @@ class Thing:
     turned: float  # degrees
     fixed: bool
     bystander: bool
-    hollow: bool  # things can be put in or on it
-    actions: tuple[int, ...]  # which of the robot's actions moved it
-    goals: tuple[tuple[tuple[Reference, ...], ...], ...]  # for each of its goals the places that will do
+    hollow: bool  # objects can be put in or on it
+    actions: tuple[int, ...]  # numbers of the robot's actions that moved it
+    goals: tuple[tuple[tuple[Reference, ...], ...], ...]  # allowed places of each of its goals
     asked_by: tuple[int, ...]  # the numbers of these goals
-    spots: Spots  # of the last of them, which counts
+    spots: Spots  # of its last goal, which counts
     lined: bool  # a goal asks for a line with others, and for the distance in it
     reach: float  # metres, the largest distance of a goal that ends beside an object
     tipped: float  # degrees by which it leans at the end against how it stood
 
     @property
     def has_moved(self) -> bool:
-        """Whether it has visibly moved."""
+        """True if it has visibly moved."""
         return self.moved >= MOVED
 
     @property
@@ -86,7 +86,7 @@ class Thing:
 
     @property
     def is_pinned(self) -> bool:
-        """Whether its goal asks for exact spots only."""
+        """True if its goal asks for exact spots only."""
         return bool(self.spots) and None not in self.spots
 
     def list_asked_ends(self) -> Iterator["Thing"]:
@@ -96,7 +96,7 @@ class Thing:
                 yield replace(self, end=(*spot, self.end[2]))
 
     def is_initially_in_any(self, areas: Set[int]) -> bool:
-        """Whether it starts in or on any of ``areas``."""
+        """True if it starts in or on any of ``areas``."""
         return any(number in areas for _, number in self.stood)
 
     def measure(self, kind: int) -> float:
@@ -111,11 +111,11 @@ class Scene:
     """All objects on the table."""
 
     things: Mapping[int, Thing]
-    pushes: bool  # whether the robot pushes instead of picking
+    pushes: bool  # the robot pushes instead of picking
 
     @property
     def nouns(self) -> set[str]:
-        """All words that call something."""
+        """Words that name an object."""
         return {word for thing in self.things.values() for word in thing.words}
 
     @property
@@ -124,7 +124,7 @@ class Scene:
         return {thing.id for thing in self.things.values() if thing.has_moved and not thing.fixed}
 
     def is_called(self, phrase: Phrase) -> bool:
-        """Whether the phrase fits the name of an object, not only its description."""
+        """True if the phrase fits the name of an object, not only its description."""
         return any(_matches_phrase(thing, phrase, True) for thing in self.things.values())
 
     def find(self, phrase: Phrase, movable: bool = False) -> list[Thing]:
@@ -137,12 +137,18 @@ class Scene:
             fitting = [
                 thing for thing in fitting if not thing.fixed and not (phrase.pronoun in OTHERS and thing.has_moved)
             ]
-        for measure, sign, greatest in phrase.sizes:
-            fitting = _select_by_size(fitting, measure, sign, greatest)
+        for measure, sign, greatest in phrase.sizes if fitting else ():
+            # The extreme size; without a superlative, sizes above or below the mean
+            sizes = [thing.measure(measure) for thing in fitting]
+            bound = max(sizes) if sign > 0 else min(sizes)
+            if not greatest:
+                bound = sum(sizes) / len(sizes)
+            slack = 0.002 if measure < 3 else 0.05 * abs(bound)
+            fitting = [thing for thing, size in zip(fitting, sizes, strict=True) if sign * (size - bound) >= -slack]
         return fitting
 
     def trace_supports(self, references: Sequence[Reference], at_start: bool = False) -> set[Reference]:
-        """The references, and recursively those of the supports, at the end or at the start."""
+        """The references, and recursively the supports' references, at the end or at the start."""
         traced, waiting = set[Reference](), list(references)
         while waiting:
             reference = waiting.pop()
@@ -153,7 +159,7 @@ class Scene:
         return traced
 
     def lies(self, thing: Thing, how: str, places: Sequence[Thing]) -> bool:
-        """Whether an object ends in or on any of ``places``, as a goal asks."""
+        """True if an object ends in or on any of ``places``, as a goal asks."""
         wanted = {
             (word, place.id)
             for place in places
@@ -187,18 +193,6 @@ def _matches_phrase(thing: Thing, phrase: Phrase, closely: bool) -> bool:
     return not phrase.unknown and nouns - colors <= words and colors <= seen
 
 
-def _select_by_size(things: list[Thing], measure: int, sign: int, greatest: bool) -> list[Thing]:
-    """Objects with the extreme size; without a superlative, those above or below the mean."""
-    sizes = [thing.measure(measure) for thing in things]
-    if not things:
-        return []
-    bound = max(sizes) if sign > 0 else min(sizes)
-    if not greatest:
-        bound = sum(sizes) / len(sizes)
-    slack = 0.002 if measure < 3 else 0.05 * abs(bound)
-    return [thing for thing, size in zip(things, sizes, strict=True) if sign * (size - bound) >= -slack]
-
-
 @dataclass(frozen=True)
 class _AskedPlace:
     """Places that a goal asks for an object."""
@@ -214,37 +208,35 @@ def parse_scene(rows: Sequence[Json], goals: str) -> Scene:
     """Parse the objects of the prompt's rows, with the places of its goal sentences."""
     wanted: dict[int, list[_AskedPlace]] = {}
     for line in goals.splitlines():
-        for number, place in _parse_goal_sentence(line):
+        form = _GOAL.match(line)
+        if form is None:
+            continue
+        goal = int(line.partition(".")[0])
+        numbers = [int(number) for number in re.findall(r"#(\d+)", form["who"])]
+        if form["places"].startswith("stacked"):
+            for index, number in enumerate(numbers):
+                below: tuple[Reference, ...] = (("on", numbers[index - 1]),) if index else ()
+                wanted.setdefault(number, []).append(_AskedPlace(goal, (below,)))
+            continue
+        texts = form["places"].split("; or ")
+        places: list[tuple[Reference, ...]] = []
+        for text in texts:
+            parts = re.split(r"#(\d+)", text)
+            relations = [
+                (words[-1], int(number))
+                for before, number in zip(parts[::2], parts[1::2], strict=False)
+                if (words := _HOW.findall(before))
+            ]
+            places.append(tuple(relations))
+        spots = tuple(
+            None if spot is None else (int(spot[1]) / 100, int(spot[2]) / 100) for spot in map(_SPOT.search, texts)
+        )
+        reach = max((int(distance) / 100 for distance in _REACH.findall(form["places"])), default=0.0)
+        place = _AskedPlace(goal, tuple(places), spots, "on one line, " in form["places"], reach)
+        for number in numbers:
             wanted.setdefault(number, []).append(place)
     things = [_parse_table_thing(row, wanted.get(int(row["id"]), [])) for row in rows]
     return Scene({thing.id: thing for thing in things}, "pushes things" in goals)
-
-
-def _parse_goal_sentence(line: str) -> Iterator[tuple[int, _AskedPlace]]:
-    """Each object of a goal sentence with its places."""
-    form = _GOAL.match(line)
-    if form is None:
-        return
-    goal = int(line.partition(".")[0])
-    numbers = [int(number) for number in re.findall(r"#(\d+)", form["who"])]
-    if form["places"].startswith("stacked"):
-        for index, number in enumerate(numbers):
-            yield number, _AskedPlace(goal, ((("on", numbers[index - 1]),) if index else (),))
-        return
-    texts = form["places"].split("; or ")
-    places = tuple(tuple(_parse_place_references(text)) for text in texts)
-    spot_matches = [_SPOT.search(text) for text in texts]
-    spots = tuple(None if spot is None else (int(spot[1]) / 100, int(spot[2]) / 100) for spot in spot_matches)
-    reach = max((int(spot_matches) / 100 for spot_matches in _REACH.findall(form["places"])), default=0.0)
-    for number in numbers:
-        yield number, _AskedPlace(goal, places, spots, "on one line, " in form["places"], reach)
-
-
-def _parse_place_references(text: str) -> Iterator[Reference]:
-    parts = re.split(r"#(\d+)", text)
-    for before, number in zip(parts[::2], parts[1::2], strict=False):
-        if words := _HOW.findall(before):
-            yield words[-1], int(number)
 
 
 def _parse_table_thing(row: Json, wanted: Sequence[_AskedPlace]) -> Thing:
@@ -288,7 +280,7 @@ def _parse_table_thing(row: Json, wanted: Sequence[_AskedPlace]) -> Thing:
 
 
 def _parse_plain_references(texts: Sequence[str]) -> Iterator[Reference]:
-    """``in #5``."""
+    """Parse references such as ``in #5``."""
     for text in texts:
         how, _, number = text.partition(" #")
         yield how, int(number)
