@@ -19,6 +19,7 @@ from threading import Lock
 from typing import IO, Any
 from uuid import uuid4
 
+from grs_agents.base import Frozen
 from grs_agents.base.errors import InputError, OutputError
 
 _LONGEST_PATH = 4096
@@ -201,5 +202,12 @@ def write_text(path: Path, text: str, durable: bool = False) -> Path:
 
 
 def write_json(path: Path, value: Any, durable: bool = False) -> Path:
-    """Write ``value`` as indented JSON, whole; NaN and infinity are refused by ``json``."""
-    return write_text(path, json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n", durable)
+    """Write ``value``, which may hold records, as indented JSON, whole; NaN and infinity are refused by ``json``."""
+
+    def record_as_json(item: object) -> dict[str, Any]:
+        if isinstance(item, Frozen):
+            return item.model_dump(mode="json")
+        raise TypeError(f"a {type(item).__name__} is no JSON: {str(item)[:100]}")
+
+    text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False, default=record_as_json)
+    return write_text(path, text + "\n", durable)

@@ -140,8 +140,15 @@ def _judge_words_against_goals(
         if facts.kind in kinds:
             continue
         kinds.add(facts.kind)
-        seen = services.config.end_picture and not is_offline(judge)
-        pictures = _draw_start_and_end(instance, rollout, services) if seen else []
+        pictures: list[str] = []
+        if services.config.end_picture and not is_offline(judge):
+            for moment, poses in (("start", rollout.initial), ("end", rollout.final)):
+                path = f"instances/seed_{instance.seed}_{moment}.png"
+                drawn = services.render_instance(instance, services.folder / path, poses=poses, textured=True)
+                if drawn.image is None:
+                    pictures = []
+                    break
+                pictures.append(path)
         words, other_texts = audited.task.description, (f"name: {audited.task.name}", *facts.other_texts)
         judgement = roles.judge_words(services.agents, words, other_texts, facts.objects, facts.goals, pictures)
         if isinstance(judgement, NoReply) or judgement.verdict != "agrees":
@@ -153,17 +160,6 @@ def _judge_words_against_goals(
         measured = f"{judgement.verdict}, says the judge ({judge}): {judgement.reason}"
         passed, bound = judgement.verdict == "agrees", _WORDS_REMEDY if judgement.verdict == "unclear" else _WORDS_BOUND
     return (AuditFinding(check="words", passed=passed, measured=measured, bound=bound),)
-
-
-def _draw_start_and_end(instance: TaskInstance, rollout: Rollout, services: Services) -> list[str]:
-    """Paths of two pictures in the run folder; none if a picture cannot be drawn."""
-    paths: list[str] = []
-    for moment, poses in (("start", rollout.initial), ("end", rollout.final)):
-        path = f"instances/seed_{instance.seed}_{moment}.png"
-        if services.render_instance(instance, services.folder / path, poses=poses, textured=True).image is None:
-            return []
-        paths.append(path)
-    return paths
 
 
 def _probe_tests(audited: AuditedPrograms, solved: SolvedInstances, services: Services) -> tuple[AuditFinding, ...]:

@@ -94,7 +94,7 @@ def write_task_file(task: TaskDefinition, revised: Revision | None, services: Se
     """Write ``task.json`` and its event; of a revised task with the original and the part that was given up."""
     written = task.as_json()
     if revised is not None:
-        written["revised"] = revised.model_dump(mode="json")
+        written["revised"] = revised
     write_json(services.folder / "task.json", written)
     services.log.append(TaskDefined(task=written))
 

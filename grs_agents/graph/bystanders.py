@@ -69,9 +69,16 @@ def prepare_scene_for_tasks(scene: SceneDescription, library: Library, robot: st
     """
     while True:
         items = photo_objects(scene, library)
-        fields = {"task": "", "seed": 0, "max_steps": 1, "timestep": TIMESTEP, "goals": ()}
-        around = {"objects": items, "background": scene.background, "robot": robot}
-        instance = TaskInstance.model_validate({**fields, **around})
+        instance = TaskInstance(
+            task="",
+            seed=0,
+            max_steps=1,
+            timestep=TIMESTEP,
+            goals=(),
+            objects=items,
+            background=scene.background,
+            robot=robot,
+        )
         episode = open_instance_episode(instance, library)
         episode.reset()
         sim = episode.sim

@@ -105,7 +105,7 @@ def _digest(state: RunState, services: Services, *names: str) -> str:
 def _write_kept(folder: Path, state: RunState, report: TestReport | AuditReport) -> None:
     versions = {f"{name}_version": state.get(f"{name}_version", 0) for name in ("simulation", "tests")}
     with suppress(ValueError):  # NaN or a lone surrogate of an episode, which JSON cannot hold: it is judged again
-        write_json(folder / "report.json", {**versions, "report": report.model_dump(mode="json")})
+        write_json(folder / "report.json", {**versions, "report": report})
 
 
 def _read_kept(file: Path) -> dict[str, Any]:

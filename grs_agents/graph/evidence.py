@@ -18,14 +18,13 @@ from grs_agents.base.foreign.pictures import read_picture
 from grs_agents.graph.policies.types import read_episode
 from grs_agents.graph.services import Services
 from grs_agents.graph.state import RunState
-from grs_agents.graph.task_instances import instantiate_program_for_seeds
+from grs_agents.graph.task_instances import instantiate_program_for_seeds, play_unrecorded
 from grs_agents.models.factory import is_offline
 from grs_agents.sandbox.protocol.report import OUTCOME_MEANINGS, TestReport
 from grs_agents.sandbox.protocol.tracebacks import SIMULATION_FILE, TESTS_FILE
+from grs_agents.sim.arms.arm_files import resolve_robot_path
 from grs_agents.sim.instance.episode import Episode
-from grs_agents.sim.instance.robot_file import resolve_robot_path
 from grs_agents.sim.instance.task_instance import parse_instance_json
-from grs_agents.sim.rollouts import Rollout
 
 EPISODES, ROWS, CLAUSES = 3, 24, 6
 """Bounds on the distinct episodes, the tests or rows of a table, and the shortfalls of a goal that are shown."""
@@ -187,15 +186,9 @@ def draw_end_of_episode(state: RunState, services: Services, role: str) -> list[
         instance = resolve_robot_path(parse_instance_json(file.read_text(encoding="utf-8")), services.folder)
     else:
         drawn, _ = instantiate_program_for_seeds(state["simulation"], [config.seed], services, state["scene"])
-        if not drawn:
+        if not drawn or (rollout := play_unrecorded(drawn[0], services)) is None:
             return []
         instance = drawn[0]
-        played = services.run_tool(
-            "rollout", instance=instance.model_dump(mode="json"), **services.library_root_fields
-        ).rollout
-        if played is None:
-            return []
-        rollout = Rollout.model_validate(played)
     marked = find_ids_of_failed_objects(rollout.episode)
     picture = services.render_instance(instance, output, poses=rollout.final, marked=marked)
     if picture.image is None:

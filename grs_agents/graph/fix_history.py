@@ -108,8 +108,13 @@ def record_outcome(state: RunState, judged: Update) -> Update:
             score=score,
             simulation_version=state.get("simulation_version", 0),
             tests_version=state.get("tests_version", 0),
-            kept=JudgedVersion.model_validate(
-                {name: after[name] for name in JudgedVersion.model_fields if name in after}
+            kept=JudgedVersion(
+                task=after["task"],
+                revised=after.get("revised"),
+                simulation=after["simulation"],
+                tests=after.get("tests", ""),
+                report=after.get("report"),
+                audit=after.get("audit"),
             ),
         )
     return change
@@ -120,7 +125,13 @@ def list_untried_fix_strategies(state: RunState) -> dict[Verdict, Strategy]:
 
     Empty once ``LONGEST_STREAK`` fixes in a row were in vain.
     """
-    history, suspects = state.get("history", []), _list_suspected_programs(state)
+    history, audit, decision = state.get("history", []), state.get("audit"), state.get("decision")
+    failed = [finding.check for finding in audit.findings if not finding.passed] if audit else []
+    suspects: tuple[ProgramName, ...] = ("simulation", "tests")
+    if failed and all(check.startswith(ABOUT_TESTS) for check in failed):
+        suspects = ("tests",)
+    elif audit or (history and not decision) or (decision and decision.policy == "always_code"):
+        suspects = ("simulation",)  # the audit failed otherwise, or no router decides
     streak = list(takewhile(lambda record: record.vain, reversed(history)))
     if len(streak) >= LONGEST_STREAK:
         return {}
@@ -136,19 +147,6 @@ def list_untried_fix_strategies(state: RunState) -> dict[Verdict, Strategy]:
     if state.get("revisable"):
         moves["fix_task"] = "fix"
     return moves or {VERDICTS[suspect]: "fix" for suspect in suspects}
-
-
-def _list_suspected_programs(state: RunState) -> tuple[ProgramName, ...]:
-    """The tests alone where every failed check of the audit is about them; the simulation alone where the audit failed
-    otherwise or no router decides; else both."""
-    audit = state.get("audit")
-    failed = [finding.check for finding in audit.findings if not finding.passed] if audit else []
-    if failed and all(check.startswith(ABOUT_TESTS) for check in failed):
-        return ("tests",)
-    decision = state.get("decision")
-    never_routed = bool(state.get("history")) and not decision
-    code_only = audit or never_routed or (decision and decision.policy == "always_code")
-    return ("simulation",) if code_only else ("simulation", "tests")
 
 
 def _split_lines(value: str | TaskDefinition | None) -> list[str]:

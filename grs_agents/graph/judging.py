@@ -47,7 +47,7 @@ def run_tests(state: RunState, services: Services) -> Update:
             ).report
         )
         keep_test_report(state, report, services)
-    services.log.append(TestsRun(report=report.model_dump(mode="json")))
+    services.log.append(TestsRun(report=dict(report)))
     return record_outcome(state, {"report": report, "static": static, "audit": None})
 
 
@@ -96,7 +96,7 @@ def audit_task(state: RunState, services: Services) -> Update:
         )
         report = audit_programs(audited, services)
         keep_audit(state, report, services)
-    write_json(services.folder / "audit.json", report.model_dump(mode="json"))
+    write_json(services.folder / "audit.json", report)
     for finding in report.findings:
         services.log.append(Finding(**dict(finding)))
     return record_outcome(state, {"audit": report})
@@ -117,26 +117,21 @@ def conclude_with_best_version(state: RunState, services: Services) -> Update:
             write_task_file(best.kept.task, best.kept.revised, services)
             (services.folder / "audit.json").unlink(missing_ok=True)
             if best.kept.audit is not None:
-                write_json(services.folder / "audit.json", best.kept.audit.model_dump(mode="json"))
+                write_json(services.folder / "audit.json", best.kept.audit)
             for stale in (services.folder / "instances").glob("seed_*"):  # of another program
                 stale.unlink()
             kept = best.kept.as_update()
             left = f"; left in place is {best.describe()}, the best of {len(state.get('history', [])) + 1}"
             ended = cast(RunState, {**state, **kept})
-    status, reason = _decide_run_status_and_reason(ended, _play_unplayed_program(ended, services))
-    return {**kept, "status": status, "reason": reason + left}
-
-
-def _play_unplayed_program(state: RunState, services: Services) -> tuple[Rollout, ...]:
-    """The rollout of a rejected program that was not audited, or whose recordings another program's have replaced; none
-    of a program that does not run, or not within its limits."""
-    report, audit = state.get("report"), state.get("audit")
+    report, audit = ended.get("report"), ended.get("audit")
     cases = report.cases if report and report.outcome in ("passed", "failed") else ()
     ran = bool(cases) and all(case.outcome in _RAN for case in cases)
     recorded = audit and any((services.folder / "instances").glob("seed_*.npz"))
-    if not ran or recorded or (audit and audit.accepted):
-        return ()
-    return play_first_seed(state["simulation"], services, state["scene"])
+    rollouts: tuple[Rollout, ...] = ()
+    if ran and not recorded and not (audit and audit.accepted):  # not audited, or filmed with another program
+        rollouts = play_first_seed(ended["simulation"], services, ended["scene"])
+    status, reason = _decide_run_status_and_reason(ended, rollouts)
+    return {**kept, "status": status, "reason": reason + left}
 
 
 def _decide_run_status_and_reason(

@@ -21,8 +21,7 @@ from grs_agents.graph.placement import (
 )
 from grs_agents.graph.recognition import describe_segments, match_objects
 from grs_agents.graph.services import Photo, Services, Update, logged_node
-from grs_agents.graph.state import RunState
-from grs_agents.graph.table_object import TableObject, read_objects, select_pending, write_objects
+from grs_agents.graph.state import RunState, TableObject, parse_state, select_pending
 from grs_agents.library.background_asset import write_background_asset
 from grs_agents.perception.annotated_pictures import NAMED, draw_object_names
 from grs_agents.perception.background_reconstruction import reconstruct_background
@@ -113,7 +112,14 @@ def read_photo_into_run(state: RunState, services: Services) -> Update:
     """
     source, config = Path(state["scene_path"]), services.config
     if is_known_scene(source):
-        return _copy_scene_of_other_run(source, services)
+        scene = copy_scene_from_run(source, services.folder, config.robot)
+        for event in read_events(source / "events.jsonl"):
+            if isinstance(event, SceneStage):
+                services.log.append(SceneStage(stage=event.stage, summary=event.summary, files=event.files))
+        services.log.append(Note(text=f"the scene is that of {source}, as it was made there"))
+        require_scene_coverage(scene, config.scene.coverage.refuse, services.folder)
+        named = find_member_file(services.folder, NAMED)
+        return {"scene": scene, "image": scene.image if named is None else NAMED}
 
     def estimate_depth(rgb: Image, focal: float | None, photo: str) -> DepthEstimate:
         return services.run_tool(config.tools.depth, rgb=rgb, focal=focal, photo=photo, model=config.depth.model)
@@ -129,39 +135,20 @@ def read_photo_into_run(state: RunState, services: Services) -> Update:
                 *doubts,
                 "camera.json: joints is not used: where the robot is seen is not known without T_robot_cam",
             ]
-    frame = _remove_stray_light_of_arm(frame, services)
+    if frame.camera.arm_is_known:
+        arm = render_robot_depth(frame, services.robot_name_or_path, services.library)
+        if np.isfinite(arm).any():
+            table = find_table_in_frame(frame, np.random.default_rng(config.seed), config.scene.table)
+            stray = measure_stray_light(frame, table, arm)  # that the arm scatters into the sensor
+            frame = frame if stray is None else remove_stray_light(frame, arm, stray)
     notes = [*frame.notes, *doubts]
     files = save_frame(frame, services.folder)
     services.cache_photo(round_depth_as_saved(frame, state["scene_path"]))
-    camera = frame.camera.model_dump(mode="json")
-    summary = {"camera": camera, "noise": noise.at_one_metre}
+    summary = {"camera": frame.camera, "noise": noise.at_one_metre}
     services.log.append(SceneStage(stage="frame", summary=summary, files=files))
     for note in frame.notes:
         services.log.append(Note(level="warning", text=note))
-    return {"notes": notes, "image": files["rgb"], "camera": camera}
-
-
-def _remove_stray_light_of_arm(frame: RGBDFrame, services: Services) -> RGBDFrame:
-    """Correct the depth near a known arm for the light that the arm scatters into the sensor."""
-    if not frame.camera.arm_is_known:
-        return frame
-    arm = render_robot_depth(frame, services.robot_name_or_path, services.library)
-    if not np.isfinite(arm).any():
-        return frame
-    table = find_table_in_frame(frame, np.random.default_rng(services.config.seed), services.config.scene.table)
-    stray = measure_stray_light(frame, table, arm)
-    return frame if stray is None else remove_stray_light(frame, arm, stray)
-
-
-def _copy_scene_of_other_run(source: Path, services: Services) -> Update:
-    scene = copy_scene_from_run(source, services.folder, services.config.robot)
-    for event in read_events(source / "events.jsonl"):
-        if isinstance(event, SceneStage):
-            services.log.append(SceneStage(stage=event.stage, summary=event.summary, files=event.files))
-    services.log.append(Note(text=f"the scene is that of {source}, as it was made there"))
-    require_scene_coverage(scene, services.config.scene.coverage.refuse, services.folder)
-    named = find_member_file(services.folder, NAMED)
-    return {"scene": scene.model_dump(mode="json"), "image": scene.image if named is None else NAMED}
+    return {"notes": notes, "image": files["rgb"], "camera": frame.camera}
 
 
 def next_step_after_read(state: RunState) -> Literal["find_table", "done"]:
@@ -174,7 +161,7 @@ def find_table(state: RunState, services: Services) -> Update:
     """Find the table's plane and its frame; the robot is placed once the objects are known."""
     config = services.config
     table = find_table_in_frame(services.load_photo(state), np.random.default_rng(config.seed), config.scene.table)
-    return {"table": table.model_dump(mode="json"), "notes": [*state["notes"], *describe_table_doubts(table)]}
+    return {"table": table, "notes": [*state["notes"], *describe_table_doubts(table)]}
 
 
 @logged_node("segment")
@@ -201,12 +188,12 @@ def segment_photo(state: RunState, services: Services) -> Update:
         write_png(services.folder / name, mask.astype(np.uint8) * 255)
     table, candidates = center_objects_in_workspace(table, found.objects)
     records = save_candidates(frame, candidates, services.folder)
-    boxes = [{"id": record.id, "name": f"candidate {record.id}", "box": record.box.model_dump()} for record in records]
-    camera = {**state["camera"], "T_robot_cam": table.T_robot_cam}
+    boxes = [{"id": record.id, "name": f"candidate {record.id}", "box": record.box} for record in records]
+    camera = state["camera"].model_copy(update={"T_robot_cam": table.T_robot_cam})
     services.log.append(
         SceneStage(
             stage="segmented",
-            summary={"camera": camera, "table": table.model_dump(mode="json"), "objects": boxes},
+            summary={"camera": camera, "table": table, "objects": boxes},
             files={
                 "rgb": "scene/rgb.png",
                 "depth": "scene/depth.png",
@@ -219,29 +206,28 @@ def segment_photo(state: RunState, services: Services) -> Update:
     return {
         "notes": [*state["notes"], *tool_notes, *notes],
         "background": background,
-        "table": table.model_dump(mode="json"),
+        "table": table,
         "left_out": LEFT_OUT,
         "robot": ROBOT,
         "blur": BLUR,
-        **write_objects(
-            [TableObject.from_record(record) for record in records],
-            [DroppedCandidate(id=0, reason=reason) for reason in found.reasons],
-        ),
+        "objects": [TableObject.from_record(record) for record in records],
+        "dropped": [DroppedCandidate(id=0, reason=reason) for reason in found.reasons],
     }
 
 
 @logged_node("describe")
 def describe_candidates(state: RunState, services: Services) -> Update:
     """Describe each pending object (paper, Scene Comprehension, step 2), and join pieces of the same object."""
-    objects, dropped = read_objects(state)
+    objects, dropped = state["objects"], state["dropped"]
     pending = select_pending(objects, dropped)
     first_free = max(item.id for item in objects) + 1
     described = describe_segments(pending, first_free, _load_photo_and_table(state, services), services)
-    summary = {str(number): words.model_dump(mode="json") for number, words in described.descriptions.items()}
+    summary = {str(number): words for number, words in described.descriptions.items()}
     services.log.append(SceneStage(stage="described", summary=summary))
     earlier = [item for item in objects if item not in pending]
     return {
-        **write_objects([*earlier, *described.objects], [*dropped, *described.dropped]),
+        "objects": [*earlier, *described.objects],
+        "dropped": [*dropped, *described.dropped],
         "notes": [*state["notes"], *described.notes],
     }
 
@@ -249,12 +235,11 @@ def describe_candidates(state: RunState, services: Services) -> Update:
 @logged_node("match")
 def match_candidates_to_assets(state: RunState, services: Services) -> Update:
     """Match each pending object with an asset (paper, Scene Comprehension, step 3)."""
-    objects, dropped = read_objects(state)
-    photo = _load_photo_and_table(state, services)
-    pending, notes = match_objects(select_pending(objects, dropped), photo, state["image"], services)
+    photo, pending = _load_photo_and_table(state, services), select_pending(state["objects"], state["dropped"])
+    pending, notes = match_objects(pending, photo, state["image"], services)
     matched = {item.id: item for item in pending}
     return {
-        **write_objects([matched.get(item.id, item) for item in objects], dropped),
+        "objects": [matched.get(item.id, item) for item in state["objects"]],
         "notes": [*state["notes"], *notes],
     }
 
@@ -265,7 +250,7 @@ def register_assets_in_photo(state: RunState, services: Services) -> Update:
 
     In the first pass, segments that the placed assets leave unexplained become pending for a second pass.
     """
-    objects, dropped = read_objects(state)
+    objects, dropped = state["objects"], list(state["dropped"])
     photo = _load_photo_and_table(state, services)
     is_first_pass = not any(item.placed for item in objects)
     masks = _load_masks(objects, services)
@@ -290,12 +275,13 @@ def register_assets_in_photo(state: RunState, services: Services) -> Update:
         gone = {item.id for item in divided}
         objects = [item.model_copy(update={"placed": None}) if item.id in gone else item for item in objects]
         objects += [TableObject.from_record(record) for record in residual]
-    return write_objects(objects, dropped)
+    return {"objects": objects, "dropped": dropped}
 
 
 def next_step_after_register(state: RunState) -> Literal["describe", "settle"]:
     """The edge after ``register``: residual segments are described, else the placed objects settle."""
-    return "describe" if select_pending(*read_objects(state)) else "settle"
+    state = parse_state(state)
+    return "describe" if select_pending(state["objects"], state["dropped"]) else "settle"
 
 
 @logged_node("settle")
@@ -303,7 +289,7 @@ def settle_objects(state: RunState, services: Services) -> Update:
     """Resolve collisions, let the objects come to rest in MuJoCo, and write ``scene.json``."""
     photo, table = _load_photo_and_table(state, services)
     config, folder, assets = services.config.scene, services.folder, services.folder / "assets"
-    objects, dropped = read_objects(state)
+    objects = state["objects"]
     masks = _load_masks(objects, services)
     if "left_out" in state:
         left_out, blur = (load_mask(folder / state[name]) for name in ("left_out", "blur"))
@@ -312,7 +298,7 @@ def settle_objects(state: RunState, services: Services) -> Update:
     else:
         above = raised_pixel_mask(photo, table)
     settled = settle_scene([item for item in objects if item.placed], masks, (photo, table), above, services)
-    dropped += settled.dropped
+    dropped = (*state["dropped"], *settled.dropped)
     coverage = None
     if settled.owned is not None:
         rejected = [(masks[item.id], item.reason) for item in dropped if item.id in masks]
@@ -338,7 +324,7 @@ def settle_objects(state: RunState, services: Services) -> Update:
         image=state["image"],
         frame=table,
         objects=settled.objects,
-        dropped=tuple(dropped),
+        dropped=dropped,
         warnings=tuple(warnings),
         background=state.get("background") or None,
         relations=settled.relations,
@@ -352,10 +338,10 @@ def settle_objects(state: RunState, services: Services) -> Update:
     scene.write(folder / "scene.json")
     files = save_twin_picture(scene, services.library, folder)
     files |= {} if coverage is None else {"coverage": coverage.picture}
-    services.log.append(SceneStage(stage="matched", summary=scene.model_dump(mode="json"), files=files))
+    services.log.append(SceneStage(stage="matched", summary=dict(scene), files=files))
     require_scene_coverage(scene, config.coverage.refuse, folder)
     named = draw_object_names(photo, {item.name: masks[item.id] for item in scene.objects}, folder)
-    return {"scene": scene.model_dump(mode="json"), "image": named}
+    return {"scene": scene, "image": named}
 
 
 def _prepare_scene_for_tasks(scene: SceneDescription, services: Services) -> SceneDescription:
@@ -395,7 +381,7 @@ def hide_image(state: RunState, services: Services) -> Update:
 
 
 def _load_photo_and_table(state: RunState, services: Services) -> Photo:
-    return services.load_photo(state), TableFrame.model_validate(state["table"])
+    return services.load_photo(state), state["table"]
 
 
 def _load_masks(objects: Sequence[TableObject], services: Services) -> dict[int, Mask]:

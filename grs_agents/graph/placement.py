@@ -13,7 +13,7 @@ import numpy as np
 from grs_agents.base import Quat
 from grs_agents.base.errors import GrsError
 from grs_agents.graph.services import Photo, Services
-from grs_agents.graph.table_object import TableObject
+from grs_agents.graph.state import TableObject
 from grs_agents.perception.matching.confidence import confidence_of_fitting_asset
 from grs_agents.perception.proxies.proxy import Proxy, primitive_proxy, write_proxy
 from grs_agents.perception.registration.registration import Registered, register_asset

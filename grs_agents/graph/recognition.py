@@ -1,23 +1,18 @@
-"""Describe the segments of a photo, join pieces of the same object, and match them with assets.
+"""Describe the segments of a photo, join pieces of the same object, and match them with assets."""
 
-A graph within the node asks the describer: LangGraph sends all questions at once and hands on the answers in the order
-of the questions, in whatever order they arrive.
-"""
-
-import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, TypedDict
+from pathlib import Path
+from typing import Any, TypedDict
 
-from langgraph.graph import END, START, StateGraph
-from langgraph.types import Send
+from langchain_core.runnables.config import ContextThreadPoolExecutor
 
 from grs_agents.agents import roles
 from grs_agents.agents.agent import Agents
 from grs_agents.agents.types import Description, NoReply
 from grs_agents.base import interrupts
 from grs_agents.graph.services import Photo, Services
-from grs_agents.graph.table_object import TableObject
+from grs_agents.graph.state import TableObject
 from grs_agents.models.factory import is_offline
 from grs_agents.perception.annotated_pictures import (
     outlined_segment_file_name,
@@ -60,17 +55,6 @@ class DescriberQuestion(TypedDict):
     rows: list[dict[str, Any]]  # the measurements of the segments in question
     numbers: list[int]  # of all segments
     images: list[str]
-
-
-class _State(TypedDict):
-    """State of the graph within the node: JSON, since it is checkpointed."""
-
-    records: list[dict[str, Any]]  # the segments
-    asked: list[int]  # the segments of the next questions
-    descriptions: Annotated[dict[str, dict[str, Any]], operator.or_]
-    silent: Annotated[dict[str, str], operator.or_]  # reasons for missing descriptions, by number
-    dropped: Annotated[list[dict[str, Any]], operator.add]
-    notes: Annotated[list[str], operator.add]
 
 
 def describe_measurements_for_model(record: CandidateRecord) -> dict[str, Any]:
@@ -123,126 +107,102 @@ def make_placeholder_description(shape: str) -> Description:
 def describe_segments(
     records: Sequence[TableObject], first_free: int, photo: Photo, services: Services
 ) -> DescribedSegments:
-    """Describe segments; joined pieces are numbered from ``first_free`` and described once more."""
-    describer = _Describer(photo, services, first_free)
-    describer.write_question_pictures(records, records)
-    graph = StateGraph(_State)
-    graph.add_node("ask", describer.ask)
-    graph.add_node("merge", describer.merge)
-    graph.add_conditional_edges(START, describer.send_next_questions, ["ask"])
-    graph.add_edge("ask", "merge")
-    graph.add_conditional_edges("merge", describer.send_next_questions, ["ask", END])
-    begin: Any = {
-        "records": [record.model_dump(mode="json") for record in records],
-        "asked": [record.id for record in records],
-    }
-    spec = services.config.model_for_role("describe")
-    at_once = 1 if is_offline(spec.model) else spec.concurrency  # the offline model gains nothing by threads
-    end = graph.compile().invoke(begin, {"max_concurrency": at_once, "recursion_limit": 2 * len(records) + 5})
-    described = {int(number): Description.model_validate(words) for number, words in end["descriptions"].items()}
-    silent = [f"candidate {number}: {end['silent'][str(number)]}" for number in sorted(map(int, end["silent"]))]
+    """Describe segments; joined pieces are numbered from ``first_free`` and described once more.
+
+    Without a usable reply a description holds the measured outline alone.
+    """
+    spec, agents = services.config.model_for_role("describe"), services.agents
+    sees = not is_offline(spec.model)  # the embedded model reads the measurements alone, and gains nothing by threads
+    in_one_sheet = services.config.match.describe == "sheet"
+
+    def ask(question: DescriberQuestion) -> dict[int, Description] | NoReply:
+        if interrupts.is_interrupt_requested():  # questions that still wait for a thread are not asked
+            raise KeyboardInterrupt
+        return ask_describer(agents, question)
+
+    descriptions: dict[int, Description] = {}
+    silent: dict[int, str] = {}  # reasons for missing descriptions, by number
+    dropped: list[DroppedCandidate] = []
+    notes: list[str] = []
+    present, asked = list(records), list(records)
+    with ContextThreadPoolExecutor(spec.concurrency if sees else 1) as pool:
+        while asked:
+            if sees:
+                write_outlines(photo[0], asked, present, services.folder)
+                if in_one_sheet and len(asked) > 1:
+                    write_segment_sheet(photo[0], asked, present, services.folder)
+            groups = [asked] if in_one_sheet else [[record] for record in asked]
+            questions = [make_describer_question(group, present) for group in groups]
+            if not sees:
+                questions = [{**question, "images": []} for question in questions]
+            for group, reply in zip(groups, pool.map(ask, questions), strict=True):
+                if isinstance(reply, NoReply):
+                    silent |= {record.id: str(reply) for record in group}
+                    descriptions |= {record.id: make_placeholder_description(record.shape) for record in group}
+                else:
+                    descriptions |= reply
+            asked, pieces, remarks = _join_described_pieces(
+                asked, present, descriptions, first_free, photo, services.folder
+            )
+            dropped += pieces
+            notes += remarks
+            gone = {piece.id for piece in pieces}
+            present = [*(record for record in present if record.id not in gone), *asked]
     objects: list[TableObject] = []
-    for item in map(TableObject.model_validate, end["records"]):
-        words = described[item.id]  # they overrule the depth camera, which does not see into every opening
+    for item in present:
+        words = descriptions[item.id]  # they overrule the depth camera, which does not see into every opening
         hollow = item.hollow if words.open_top is None else words.open_top
         objects.append(item.model_copy(update={"description": words, "hollow": hollow}))
     return DescribedSegments(
         objects=tuple(objects),
-        descriptions=dict(sorted(described.items())),
-        dropped=tuple(map(DroppedCandidate.model_validate, end["dropped"])),
-        notes=(*silent, *end["notes"]),
+        descriptions=dict(sorted(descriptions.items())),
+        dropped=tuple(dropped),
+        notes=(*(f"candidate {number}: {reason}" for number, reason in sorted(silent.items())), *notes),
     )
 
 
-@dataclass(frozen=True)
-class _Describer:
-    """The nodes of the graph within the node."""
+def _join_described_pieces(
+    asked: Sequence[TableObject],
+    present: Sequence[TableObject],
+    descriptions: Mapping[int, Description],
+    first_free: int,
+    photo: Photo,
+    folder: Path,
+) -> tuple[list[TableObject], list[DroppedCandidate], list[str]]:
+    """Join segments that were described as pieces of the same object, with numbers from ``first_free``.
 
-    photo: Photo
-    services: Services
-    first_free: int
-
-    @property
-    def describes_all_in_one_sheet(self) -> bool:
-        return self.services.config.match.describe == "sheet"
-
-    @property
-    def describer_sees_pictures(self) -> bool:
-        """Whether the describer sees pictures: the embedded model reads the measurements alone."""
-        return not is_offline(self.services.config.model_for_role("describe").model)
-
-    def write_question_pictures(self, asked: Sequence[CandidateRecord], records: Sequence[CandidateRecord]) -> None:
-        """Write the pictures of the questions about some of the segments; deterministic."""
-        if not self.describer_sees_pictures:
-            return
-        write_outlines(self.photo[0], asked, records, self.services.folder)
-        if self.describes_all_in_one_sheet and len(asked) > 1:
-            write_segment_sheet(self.photo[0], asked, records, self.services.folder)
-
-    def send_next_questions(self, state: _State) -> list[Send] | str:
-        """Send a question for each segment, or a joint question for all."""
-        records = [TableObject.model_validate(record) for record in state["records"]]
-        asked = [record for record in records if record.id in state["asked"]]
-        groups = [asked] if self.describes_all_in_one_sheet and asked else [[record] for record in asked]
-        questions = [make_describer_question(group, records) for group in groups]
-        if not self.describer_sees_pictures:
-            questions = [{**question, "images": []} for question in questions]
-        return [Send("ask", question) for question in questions] or END
-
-    def ask(self, state: DescriberQuestion) -> dict[str, Any]:
-        """Ask the describer; without a usable reply the description holds the measured outline alone."""
-        if interrupts.is_interrupt_requested():  # questions that still wait for a thread are not asked
-            raise KeyboardInterrupt
-        reply, silent = ask_describer(self.services.agents, state), dict[str, str]()
-        if isinstance(reply, NoReply):
-            silent = {str(row["id"]): str(reply) for row in state["rows"]}
-            reply = {int(row["id"]): make_placeholder_description(str(row["outline"])) for row in state["rows"]}
-        descriptions = {str(number): words.model_dump(mode="json") for number, words in reply.items()}
-        return {"descriptions": descriptions, "silent": silent}
-
-    def merge(self, state: _State) -> dict[str, Any]:
-        """Join segments that were described as pieces of the same object; the whole is described next."""
-        folder = self.services.folder
-        records = {int(record["id"]): TableObject.model_validate(record) for record in state["records"]}
-        described = {number: Description.model_validate(state["descriptions"][str(number)]) for number in records}
-        part_of = {
-            number: whole
-            for number in state["asked"]
-            if not records[number].given and (whole := described[number].part_of) is not None
-        }
-        groups = group_pieces_of_one_object(part_of, {number: record.box for number, record in records.items()})
-        free = max(self.first_free - 1, *records) + 1
-        masks = {number: load_mask(folder / record.mask) for number, record in records.items() if groups}
-        joined: list[Candidate] = []
-        dropped: list[DroppedCandidate] = []
-        too_large: list[str] = []
-        for group in groups:
-            whole = merge_pieces(free + len(joined), group, masks, *self.photo)
-            if whole is None:
-                numbers = ", ".join(map(str, group))
-                too_large.append(f"segments {numbers} are too large for one object: they stay apart")
-                continue
-            joined.append(whole)
-            reason = f"a piece of a larger thing, candidate {whole.id}"
-            dropped += [
-                DroppedCandidate(id=piece, reason=f"{reason}: {described[piece].description}") for piece in group
-            ]
-        pieces = {piece.id for piece in dropped}
-        rest = [record for number, record in records.items() if number not in pieces]
-        saved = save_candidates_after_earlier(self.photo[0], joined, rest, folder) if joined else ()
-        added = [TableObject.from_record(record) for record in saved]
-        self.write_question_pictures(added, [*rest, *added])
-        apart = [
-            f"segment {number} was described as a part of {whole}, which it does not adjoin: it stays by itself"
-            for number, whole in part_of.items()
-            if not any(number in group and whole in group for group in groups)
-        ]
-        return {
-            "records": [record.model_dump(mode="json") for record in (*rest, *added)],
-            "asked": [record.id for record in added],
-            "dropped": [piece.model_dump(mode="json") for piece in dropped],
-            "notes": [*apart, *too_large],
-        }
+    Returns:
+        The joined objects, their pieces, and notes for a reader of the scene.
+    """
+    records = {record.id: record for record in present}
+    part_of = {
+        record.id: whole
+        for record in asked
+        if not record.given and (whole := descriptions[record.id].part_of) is not None
+    }
+    groups = group_pieces_of_one_object(part_of, {number: record.box for number, record in records.items()})
+    free = max(first_free - 1, *records) + 1
+    masks = {number: load_mask(folder / record.mask) for number, record in records.items() if groups}
+    joined: list[Candidate] = []
+    pieces: list[DroppedCandidate] = []
+    notes = [
+        f"segment {number} was described as a part of {whole}, which it does not adjoin: it stays by itself"
+        for number, whole in part_of.items()
+        if not any(number in group and whole in group for group in groups)
+    ]
+    for group in groups:
+        whole = merge_pieces(free + len(joined), group, masks, *photo)
+        if whole is None:
+            numbers = ", ".join(map(str, group))
+            notes.append(f"segments {numbers} are too large for one object: they stay apart")
+            continue
+        joined.append(whole)
+        reason = f"a piece of a larger thing, candidate {whole.id}"
+        pieces += [DroppedCandidate(id=piece, reason=f"{reason}: {descriptions[piece].description}") for piece in group]
+    gone = {piece.id for piece in pieces}
+    rest = [record for record in present if record.id not in gone]
+    saved = save_candidates_after_earlier(photo[0], joined, rest, folder) if joined else ()
+    return [TableObject.from_record(record) for record in saved], pieces, notes
 
 
 def match_objects(
@@ -304,7 +264,7 @@ def make_model_matcher(
     def ask(segment: Segment, assets: Sequence[Shown], worded: bool, pictured: bool) -> MatchEvidence:
         record = by_number[segment.id]
         words = described[segment.id].model_dump(exclude={"is_object", "part_of"}, exclude_none=True) if worded else {}
-        shown = [{**asset.model_dump(), "size": [round(value, 3) for value in asset.size]} for asset in assets]
+        shown = [{**dict(asset), "size": [round(value, 3) for value in asset.size]} for asset in assets]
         pictures = [record.crop, outlined_segment_file_name(record.id)] if pictured and image else []
         reply = roles.match_asset(agents, {**describe_measurements_for_model(record), **words}, shown, pictures)
         if isinstance(reply, NoReply):

@@ -22,7 +22,7 @@ from grs_agents.graph.policies.types import Policy
 from grs_agents.graph.state import RunState, parse_state
 from grs_agents.library.library import Library
 from grs_agents.perception.picture_files import load_frame
-from grs_agents.perception.types import Camera, RGBDFrame, TableFrame
+from grs_agents.perception.types import RGBDFrame, TableFrame
 from grs_agents.sandbox.host.sandbox import Sandbox
 from grs_agents.sim.arms.arm_files import ROBOT_FOLDER, copy_arm_files
 from grs_agents.sim.arms.registry import ROBOTS, get_arm
@@ -90,7 +90,7 @@ class Services:
     def load_photo(self, state: RunState) -> RGBDFrame:
         """The photo that the node ``read`` wrote into the run folder; after a resume it is decoded once."""
         if not self._photos:
-            self._photos.append(load_frame(self.folder, Camera.model_validate(state["camera"]), state["scene_path"]))
+            self._photos.append(load_frame(self.folder, state["camera"], state["scene_path"]))
         return self._photos[0]
 
     @cached_property

@@ -1,18 +1,26 @@
 """The state that the graphs pass from node to node: texts, numbers and frozen records, checkpointed after each step."""
 
 import operator
-from collections.abc import Mapping
-from typing import Annotated, Any, Final, Literal, TypedDict, cast, get_args, get_type_hints
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Final, Literal, Self, TypedDict, cast, get_args, get_type_hints
 
 from pydantic import Field, TypeAdapter, ValidationError
 
-from grs_agents.agents.types import TaskDefinition, Verdict
+from grs_agents.agents.types import Description, TaskDefinition, Verdict
 from grs_agents.audit.types import AuditReport, StaticFinding
 from grs_agents.base import Frozen
 from grs_agents.base.errors import InputError
 from grs_agents.base.trace.events import to_plain_json
 from grs_agents.graph.policies.types import EarlierDecision, RoutingDecision
-from grs_agents.perception.types import SceneDescription
+from grs_agents.perception.types import (
+    Camera,
+    CandidateRecord,
+    DroppedCandidate,
+    MatchEvidence,
+    SceneDescription,
+    SceneObject,
+    TableFrame,
+)
 from grs_agents.sandbox.protocol.report import TestReport
 
 ProgramName = Literal["simulation", "tests"]
@@ -20,6 +28,41 @@ FixedName = Literal["simulation", "tests", "task"]
 Strategy = Literal["fix", "rewrite"]
 """Mend the present version, or have its author write it anew."""
 VERDICTS: Final[dict[FixedName, Verdict]] = {"simulation": "fix_code", "tests": "fix_test", "task": "fix_task"}
+
+
+class TableObject(CandidateRecord):
+    """A segment of the photo that may be an object. Each stage of perception fills one field."""
+
+    description: Description | None = None  # stage describe
+    match: MatchEvidence | None = None  # stage match; None for a segment described as no object
+    placed: SceneObject | None = None  # stage register: its asset or proxy at a pose; None once dropped
+
+    @classmethod
+    def from_record(cls, record: CandidateRecord) -> Self:
+        """A segment of which nothing else is known."""
+        return cls(**dict(record))
+
+    @property
+    def described(self) -> Description:
+        """The description; only after the stage describe."""
+        assert self.description is not None
+        return self.description
+
+    @property
+    def scene_object(self) -> SceneObject:
+        """The entry of the scene; only of a placed object."""
+        assert self.placed is not None
+        return self.placed
+
+    def place(self, **fields: object) -> Self:
+        """The same object with other fields of its scene entry."""
+        return self.model_copy(update={"placed": self.scene_object.model_copy(update=fields)})
+
+
+def select_pending(objects: Sequence[TableObject], dropped: Sequence[DroppedCandidate]) -> list[TableObject]:
+    """The objects that this pass of perception describes, matches and registers: neither placed nor dropped."""
+    gone = {item.id for item in dropped}
+    return [item for item in objects if item.placed is None and item.id not in gone]
 
 
 class Draft(Frozen):
@@ -126,13 +169,13 @@ class RunState(TypedDict):
     max_fixes: int  # bound on code and test fixes together
     notes: list[str]  # remarks on how the scene was read
     image: str  # the scene image that vision agents see; empty for graphs whose agents do not see it
-    camera: dict[str, Any]  # that took the photo, `Camera` as JSON
-    table: dict[str, Any]  # the table and the robot frame laid on it, `TableFrame` as JSON
-    objects: list[dict[str, Any]]  # the segments that may be objects, each a `TableObject` as JSON
+    camera: Camera  # that took the photo
+    table: TableFrame  # the table and the robot frame laid on it
+    objects: list[TableObject]  # the segments that may be objects: placed, pending or dropped
     left_out: str  # mask file of pixels that are neither table nor candidate: the robot, walls of a bin
     robot: str  # mask file of the pixels that are known to show the robot
     blur: str  # mask file of pixels beside candidates that have their depth, but not their colour
-    dropped: list[dict[str, Any]]  # the candidates that are no object, `DroppedCandidate` as JSON
+    dropped: list[DroppedCandidate]  # the segments that are no object, with the reasons
     background: str  # library name of the reconstructed background; empty if there is none
     scene: SceneDescription
     task: TaskDefinition
@@ -157,6 +200,10 @@ class RunState(TypedDict):
 
 
 CHECKPOINTED_TYPES: Final[tuple[type[Frozen], ...]] = (
+    Camera,
+    TableFrame,
+    TableObject,
+    DroppedCandidate,
     SceneDescription,
     TaskDefinition,
     Draft,

@@ -17,8 +17,8 @@ from grs_agents.graph.bystanders import program_tool_settings
 from grs_agents.graph.services import Services
 from grs_agents.perception.types import SceneDescription
 from grs_agents.sandbox.protocol.report import TestReport
+from grs_agents.sim.arms.arm_files import make_robot_path_relative
 from grs_agents.sim.instance.faults import describe_first_error
-from grs_agents.sim.instance.robot_file import make_robot_path_relative
 from grs_agents.sim.instance.task_instance import InstanceCamera, InstanceLight, InstanceTable, TaskInstance
 from grs_agents.sim.rollouts import HAND_NOISE, Rollout
 from grs_agents.sim.world.bystanders import place_bystanders
@@ -93,10 +93,14 @@ def play_first_seed(simulation: str, services: Services, scene: SceneDescription
     _write_instances(instances, services)
     if not instances:
         return ()
-    outcome = _run_rollout_tool([_make_rollout_job(instances, 0, 1, services, trials=0)], services)[0]
-    if outcome.rollout is None:
-        return ()
-    return tuple(_share_rollout(instances, Rollout.model_validate(outcome.rollout), instances, services))
+    (played,) = _play_jobs([_make_rollout_job(instances, 0, 1, services, trials=0)], services)
+    return () if isinstance(played, str) else tuple(_share_rollout(instances, played, instances, services))
+
+
+def play_unrecorded(instance: TaskInstance, services: Services) -> Rollout | None:
+    """The trusted oracle's rollout of an instance, neither recorded nor logged; None if it fails."""
+    (played,) = _play_jobs([_make_rollout_job([instance], 0, 0, services)], services)
+    return None if isinstance(played, str) else played
 
 
 def _select_seeds(
@@ -114,8 +118,8 @@ def _write_instances(instances: Sequence[TaskInstance], services: Services) -> N
     for stale in (services.folder / "instances").glob("seed_*"):
         stale.unlink()
     for instance in instances:
-        written = make_robot_path_relative(instance, services.folder).model_dump(mode="json")
-        write_json(services.folder / _instance_file_name(instance.seed, "json"), written)
+        portable = make_robot_path_relative(instance, services.folder)
+        write_json(services.folder / _instance_file_name(instance.seed, "json"), portable)
 
 
 def _find_instances_of_other_kinds(
@@ -171,25 +175,22 @@ def _solve_distinct_instances(
         alike.setdefault(_dump_without_seed(instance), []).append(instance)
     firsts = [same[0] for same in alike.values()]
     filmed = sum(first in instances for first in firsts)
-    outcomes = _run_rollout_tool(
-        [_make_rollout_job(firsts, rank, filmed, services) for rank in range(len(firsts))], services
-    )
-    if all(outcome.rollout is not None for outcome in outcomes[:filmed]):
-        played = [Rollout.model_validate(outcome.rollout) for outcome in outcomes[:filmed]]
+    played = _play_jobs([_make_rollout_job(firsts, rank, filmed, services) for rank in range(len(firsts))], services)
+    solved = [rollout for rollout in played[:filmed] if not isinstance(rollout, str)]
+    if len(solved) == filmed:
         least = services.config.audit.reward
-        missed = [t for done in played for t in done.trials if t.noise == HAND_NOISE[0] and t.score < least]
+        missed = [t for done in solved for t in done.trials if t.noise == HAND_NOISE[0] and t.score < least]
         if len(missed) == 1:
             rank = NOISY_TRIALS % filmed
             again = _make_rollout_job(firsts, rank, filmed, services, NOISY_TRIALS + 1)
-            outcomes[rank] = _run_rollout_tool([again], services)[0]
+            (played[rank],) = _play_jobs([again], services)
     rollouts: list[Rollout] = []
     failures: list[tuple[int, str]] = []
-    for same, outcome in zip(alike.values(), outcomes, strict=True):
-        if outcome.rollout is None:
-            reason = f"rollout {outcome.outcome}: {outcome.error}"
-            failures += [(instance.seed, f"seed {instance.seed}: {reason}") for instance in same]
-            continue
-        rollouts += _share_rollout(same, Rollout.model_validate(outcome.rollout), instances, services)
+    for same, rollout in zip(alike.values(), played, strict=True):
+        if isinstance(rollout, str):
+            failures += [(instance.seed, f"seed {instance.seed}: {rollout}") for instance in same]
+        else:
+            rollouts += _share_rollout(same, rollout, instances, services)
     return tuple(sorted(rollouts, key=lambda done: done.seed)), failures
 
 
@@ -220,21 +221,25 @@ def _make_rollout_job(
     return job
 
 
-def _run_rollout_tool(jobs: Sequence[dict[str, Any]], services: Services) -> list[Any]:
-    """The outcome of each job; as many processes as the sandbox has workers share the jobs."""
+def _play_jobs(jobs: Sequence[dict[str, Any]], services: Services) -> list[Rollout | str]:
+    """The rollout of each job, or the reason why there is none; as many processes as the sandbox has workers share the
+    jobs."""
     workers = services.config.workers
 
-    def solve(first: int) -> list[Any]:
+    def solve(first: int) -> list[Rollout | str]:
         job, *more = jobs[first::workers]
         result = services.run_tool("rollout", **job, more=more, **services.library_root_fields)
-        return [result, *result.more]
+        return [
+            f"rollout {done.outcome}: {done.error}" if done.rollout is None else Rollout.model_validate(done.rollout)
+            for done in (result, *result.more)
+        ]
 
     starts = range(min(workers, len(jobs)))
-    outcomes: list[Any] = [None] * len(jobs)
+    played: list[Rollout | str] = [""] * len(jobs)
     with ThreadPoolExecutor(workers) as pool:
         for first, solved in zip(starts, pool.map(solve, starts), strict=True):
-            outcomes[first::workers] = solved
-    return outcomes
+            played[first::workers] = solved
+    return played
 
 
 def instantiate_program_for_seeds(
@@ -286,9 +291,9 @@ def _describe_camera(scene: SceneDescription) -> InstanceCamera | None:
         return None
     pose = np.asarray(scene.frame.T_robot_cam, dtype=np.float64)
     placed = (to_vec3(pose[:3, 3]), matrix_to_quaternion(pose[:3, :3]))
-    fields = {**scene.camera.model_dump(), "pose": placed, "robot_placed": scene.frame.origin != "calibrated"}
+    robot_placed = scene.frame.origin != "calibrated"
     try:
-        return InstanceCamera.model_validate(fields)
+        return InstanceCamera(**dict(scene.camera), pose=placed, robot_placed=robot_placed)
     except ValidationError:
         return None
 

@@ -15,8 +15,6 @@ from grs_agents.base import Frozen
 from grs_agents.base.errors import InputError
 from grs_agents.base.foreign.run_folder import resolve_member_file
 from grs_agents.graph.state import CHECKPOINTED_TYPES, TYPED_KEYS, RunState, parse_state_value
-from grs_agents.graph.table_object import TableObject
-from grs_agents.perception.types import Camera, TableFrame
 
 FILE = "checkpoint.sqlite"
 MOST_VALUE = 1 << 21
@@ -25,11 +23,6 @@ of msgpack can become an object of 90 bytes."""
 _PENDING = "SELECT sum(length(value)) FROM writes GROUP BY checkpoint_id"
 """Bytes of the results of each step, which are read together."""
 _REMEDY = "start the scene again in another folder: --out"
-_NESTED: dict[str, TypeAdapter[Any]] = {
-    "camera": TypeAdapter(Camera),
-    "table": TypeAdapter(TableFrame),
-    "objects": TypeAdapter(list[TableObject]),
-}
 
 
 class RecordSerializer:
@@ -124,8 +117,6 @@ def check_restored_state(values: Mapping[str, Any], folder: Path) -> None:
                     parse_state_value(name, value)
             else:
                 TypeAdapter(hints.get(name, Any)).validate_python(value, strict=True)
-            if name in _NESTED and value:
-                _NESTED[name].validate_python(value)
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             field = ".".join(map(str, (name, *first["loc"])))

@@ -31,8 +31,7 @@ from grs_agents.runs.record import read_record
 from grs_agents.runs.run_opening import RunOrder
 from grs_agents.runs.sandbox_setup import open_sandbox
 from grs_agents.sandbox.protocol.report import TestReport
-from grs_agents.sim.arms.arm_files import find_arm_file
-from grs_agents.sim.arms.foreign_robot import check_foreign_robot
+from grs_agents.sim.arms.arm_files import check_foreign_robot, find_arm_file
 
 if TYPE_CHECKING:
     from grs_agents.runs.execution import Views

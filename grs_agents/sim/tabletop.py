@@ -5,7 +5,7 @@ import inspect
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol, cast
+from typing import Any, Literal, cast
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -17,11 +17,11 @@ from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.library.library import Library
 from grs_agents.library.shapes import ObjectModel
 from grs_agents.sim.arms.registry import get_arm
+from grs_agents.sim.end_effectors import EndEffector, SuctionCup
 from grs_agents.sim.instance.episode import (
     Episode,
     InvalidValueError,
     NoFreeSpaceError,
-    Outcome,
     Recorder,
     SimulationError,
 )
@@ -68,51 +68,6 @@ class _SceneCache:
 
 
 _scene_caches: WeakKeyDictionary[Library, _SceneCache] = WeakKeyDictionary()
-
-
-@dataclass(frozen=True)
-class ActionEffect:
-    """Effect of an action of the end effector."""
-
-    object: int | None  # id of the object picked, or pushed farthest
-    note: str  # one clause on how it went
-    trouble: Outcome | None = None  # kind of failure, if it has a name
-    pushed: tuple[int, ...] = ()  # ids of the objects pushed, farthest first
-
-
-class EndEffector(Protocol):
-    """Tool at the end of the arm. Another hand brings its name for the world's spec and its way of acting."""
-
-    @property
-    def tool(self) -> spec.Tool:
-        """Name under which the spec of a world builds it."""
-        ...
-
-    def act(self, sim: "TabletopSim", start: Pose, end: Pose) -> ActionEffect:
-        """Carry out an action between two poses of the tip."""
-        ...
-
-
-class SuctionCup:
-    """Suction cup: picks at the first pose, places at the second."""
-
-    tool: spec.Tool = "suction"
-
-    def act(self, sim: "TabletopSim", start: Pose, end: Pose) -> ActionEffect:
-        """Pick and place."""
-        result = sim.pick_place(start, end)
-        return ActionEffect(result.grasped, result.note, result.trouble)
-
-
-class Blade:
-    """Spatula: pushes along the table from the first pose towards the second, picks nothing up."""
-
-    tool: spec.Tool = "spatula"
-
-    def act(self, sim: "TabletopSim", start: Pose, end: Pose) -> ActionEffect:
-        """Push."""
-        result = sim.push(start, end)
-        return ActionEffect(next(iter(result.pushed), None), result.note, pushed=result.pushed)
 
 
 class TabletopSim:
@@ -378,25 +333,17 @@ class TabletopSim:
 
     @property
     def physics(self) -> Physics:
-        """The running world, compiled anew after a change of the objects."""
-        if self._physics is None or self._stale:
-            before, current = self._physics, self.objects
-            self._objects = {item.id: item for item in current}
-            joints = None if before is None else before.joint_positions
-            self._physics = Physics(self._compile_world(current), self.budget, current, joints)
-            if before is not None:
-                self._physics.observer, self._physics.observer_period = before.observer, before.observer_period
-            self._stale = False
-        return self._physics
-
-    def _compile_world(self, objects: Sequence[InstanceObject]) -> compilation.World:
-        """Compiled world of these objects; the last world again if only their poses differ.
+        """The running world, compiled anew after a change of the objects, unless only their poses differ.
 
         Environments that come after each other share compiled worlds, each has a copy of its own.
         """
+        if self._physics is not None and not self._stale:
+            return self._physics
+        before, current = self._physics, self.objects
+        self._objects = {item.id: item for item in current}
         kinds = tuple(
             (item.id, item.asset, tuple(sorted(item.fill.items())), item.category, item.mass, item.friction)
-            for item in objects
+            for item in current
         )
         tool, ties = self.end_effector.tool, self.object_ties
         key = (self.timestep, kinds, ties, tool, self.background, self.arm)
@@ -406,10 +353,15 @@ class TabletopSim:
                 if len(known) >= _COMPILED_WORLDS:
                     known.clear()
                 known[key] = compilation.build_world(
-                    objects, self.library, self.timestep, False, ties, tool, self.arm, self.background
+                    current, self.library, self.timestep, False, ties, tool, self.arm, self.background
                 )
             self._world = (key, compilation.copy_world(known[key]))
-        return self._world[1]
+        joints = None if before is None else before.joint_positions
+        self._physics = Physics(self._world[1], self.budget, current, joints)
+        if before is not None:
+            self._physics.observer, self._physics.observer_period = before.observer, before.observer_period
+        self._stale = False
+        return self._physics
 
     def settle_scene(self) -> None:
         """Let everything come to rest, note in ``places`` where, and warn of objects that settling moved.

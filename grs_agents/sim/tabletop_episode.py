@@ -1,7 +1,7 @@
 """Episodes on the simulated table: a task sets its scene up, actions follow, and each action is scored."""
 
 from collections.abc import AsyncGenerator, Coroutine, Generator, Mapping
-from typing import Any, Final, Generic, Protocol, TypeVar
+from typing import Any, Final, Generic, Protocol, TypeVar, cast
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from grs_agents.base import Pose
 from grs_agents.base.errors import GrsError
 from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.library.library import Library
+from grs_agents.sim.end_effectors import END_EFFECTORS, EndEffector
 from grs_agents.sim.expert.oracle import Oracle
 from grs_agents.sim.expert.push_oracle import PushOracle
 from grs_agents.sim.goals import task_accounting
@@ -25,7 +26,7 @@ from grs_agents.sim.instance.episode import (
 from grs_agents.sim.instance.goal import Goal
 from grs_agents.sim.instance.task_instance import POSITION_TOLERANCE, ROTATION_TOLERANCE, TaskInstance
 from grs_agents.sim.rendering.cameras import VisibleScene
-from grs_agents.sim.tabletop import Blade, EndEffector, SuctionCup, TabletopSim, parse_pose
+from grs_agents.sim.tabletop import TabletopSim, parse_pose
 from grs_agents.sim.world.budget import DEFAULT_BUDGET
 
 Action = Mapping[str, Any]
@@ -144,7 +145,7 @@ class InstanceTask(GoalTask):
     @property
     def end_effector(self) -> EndEffector:
         """Hand that carries out the instance's actions."""
-        return Blade() if self.instance.primitive == "push" else SuctionCup()
+        return END_EFFECTORS[self.instance.primitive]()
 
     def reset(self, env: TabletopSim) -> None:
         """Add the instance's objects, ties and goals."""
@@ -218,7 +219,16 @@ class TabletopEpisode(Generic[TaskT]):
         set_last_recorder(sim.recorder)
         try:
             sim.end_effector = self.end_effector
-            _refuse_unfinished_reset(task.reset(sim))
+            unfinished = cast(object, task.reset(sim))  # of an async reset or a generator: its body has not run
+            if isinstance(unfinished, Coroutine | Generator | AsyncGenerator):
+                if not isinstance(unfinished, AsyncGenerator):
+                    unfinished.close()  # else Python warns that nobody awaited it
+                is_generator = isinstance(unfinished, Generator)
+                kind = "a generator (it has a yield)" if is_generator else "asynchronous (async def)"
+                raise SimulationError(
+                    f"reset is {kind}, so that nothing in it ran when it was called",
+                    "write `def reset(self, env):` without async or yield",
+                )
             task.finish_goals(sim)
         except GrsError as error:
             sim.recorder.stop = make_stop_from_error(error)
@@ -331,15 +341,3 @@ def parse_max_steps(value: Any) -> int:
         return int(value)
     except (TypeError, ValueError, OverflowError) as error:
         raise SimulationError(f"max_steps is {value!r}"[:150], "give a whole number of actions") from error
-
-
-def _refuse_unfinished_reset(returned: object) -> None:
-    """Refuse a ``reset`` whose body has not run: calling it only makes a coroutine or a generator."""
-    if isinstance(returned, Coroutine | Generator | AsyncGenerator):
-        if not isinstance(returned, AsyncGenerator):
-            returned.close()  # else Python warns that nobody awaited it
-        kind = "a generator (it has a yield)" if isinstance(returned, Generator) else "asynchronous (async def)"
-        raise SimulationError(
-            f"reset is {kind}, so that nothing in it ran when it was called",
-            "write `def reset(self, env):` without async or yield",
-        )

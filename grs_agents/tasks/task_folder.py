@@ -17,8 +17,7 @@ from grs_agents.base.files import copy_folder
 from grs_agents.base.foreign.files import read_bytes, read_json
 from grs_agents.base.foreign.run_folder import check_run_folder
 from grs_agents.library.library import Library
-from grs_agents.sim.arms.arm_files import ROBOT_FOLDER
-from grs_agents.sim.instance.robot_file import resolve_robot_path
+from grs_agents.sim.arms.arm_files import ROBOT_FOLDER, resolve_robot_path
 from grs_agents.sim.instance.task_instance import TaskInstance, parse_instance_json
 
 _REMEDY = "name a folder that `grs run` or `grs instances` wrote"

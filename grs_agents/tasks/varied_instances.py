@@ -15,8 +15,8 @@ from grs_agents.base.errors import GrsError, InputError
 from grs_agents.base.files import write_json
 from grs_agents.base.foreign.files import read_json
 from grs_agents.base.foreign.run_folder import check_run_folder
+from grs_agents.sim.arms.arm_files import make_robot_path_relative
 from grs_agents.sim.goals.scores import SOLVED
-from grs_agents.sim.instance.robot_file import make_robot_path_relative
 from grs_agents.sim.instance.task_instance import hash_instance
 from grs_agents.sim.rollouts import rollout
 from grs_agents.sim.variation.types import Variation

@@ -118,7 +118,7 @@ def test_the_arm_of_a_run_folder_is_compiled_in_a_worker_first(
     (copy / "robot").mkdir()
     (copy / "robot" / "arm.xml").write_text(GANTRY)
     write_hashes(copy)
-    monkeypatch.setattr("grs_agents.sim.arms.foreign_robot.ForeignReader", Reader)
+    monkeypatch.setattr("grs_agents.sim.arms.arm_files.ForeignReader", Reader)
     done = grs(verb, "run", folder=tmp_path)
     assert done.returncode == 2, done
     assert f"a worker reads {copy.resolve() / 'robot' / 'arm.xml'}" in done.stderr

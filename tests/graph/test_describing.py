@@ -23,7 +23,7 @@ from grs_agents.base.trace.events import Prompt
 from grs_agents.base.trace.log import EventLog, read_events
 from grs_agents.graph.recognition import describe_segments
 from grs_agents.graph.services import Photo, Services
-from grs_agents.graph.table_object import TableObject
+from grs_agents.graph.state import TableObject
 from grs_agents.perception.picture_files import load_mask, save_candidates, save_frame
 from grs_agents.perception.segmentation.candidates import measure_candidates
 from tests.perception.settling.photo import BLOCK, LIBRARY, MILK, photo_of, standing

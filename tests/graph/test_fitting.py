@@ -12,7 +12,7 @@ from grs_agents.base import content
 from grs_agents.base.errors import InputError
 from grs_agents.graph.placement import place_asset_or_proxy, replace_misfit_assets
 from grs_agents.graph.services import Services
-from grs_agents.graph.table_object import TableObject
+from grs_agents.graph.state import TableObject
 from grs_agents.library.library import Library
 from grs_agents.perception.picture_files import save_candidates, save_frame
 from grs_agents.perception.segmentation.candidates import measure_candidates

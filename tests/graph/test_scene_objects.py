@@ -8,7 +8,7 @@ import pytest
 
 from grs_agents.graph.placement import explain_why_no_scene_object, place_asset_or_proxy
 from grs_agents.graph.services import Services
-from grs_agents.graph.table_object import TableObject
+from grs_agents.graph.state import TableObject
 from grs_agents.library.library import Library
 from grs_agents.perception.types import MatchEvidence
 

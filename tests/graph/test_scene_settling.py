@@ -13,7 +13,7 @@ import pytest
 from grs_agents.agents.types import Description
 from grs_agents.graph.placement import SettledScene, place_asset_or_proxy, register_objects, settle_scene
 from grs_agents.graph.services import Photo, Services
-from grs_agents.graph.table_object import TableObject
+from grs_agents.graph.state import TableObject
 from grs_agents.library.library import Library
 from grs_agents.perception.coverage import raised_pixel_mask
 from grs_agents.perception.picture_files import load_mask, save_candidates, save_frame

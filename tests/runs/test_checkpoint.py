@@ -22,7 +22,22 @@ from grs_agents.runs.checkpoint import (
 from grs_agents.sandbox.protocol.report import TestCase, TestReport
 
 STATE, AGENTS, REPORT = "grs_agents.graph.state", "grs_agents.agents.types", "grs_agents.sandbox.protocol.report"
+PERCEPTION = "grs_agents.perception.types"
 TASK = {"task-name": "t", "task-description": "d", "assets-used": ["a"]}
+CAMERA = {"fx": 600.0, "fy": 600.0, "cx": 320.0, "cy": 240.0, "width": 640, "height": 480, "depth_scale": 0.001}
+LEVEL = ((0.0, -1.0, 0.0, 0.5), (-1.0, 0.0, 0.0, 0.0), (0.0, 0.0, -1.0, 1.0), (0.0, 0.0, 0.0, 1.0))
+TABLE = {"T_robot_cam": LEVEL, "origin": "table_plane", "residual": 0.001, "inliers": 0.7}
+SEGMENT = {
+    "id": 1,
+    "mask": "scene/mask_01.png",
+    "crop": "scene/crop_01.png",
+    "box": {"low": (0.4, -0.1, 0.0), "high": (0.5, 0.1, 0.1)},
+    "upright": {"center": (0.45, 0.0, 0.05), "size": (0.1, 0.2, 0.1), "yaw": 0.0},
+    "color": (0.5, 0.5, 0.5),
+    "shape": "box",
+    "points": 900,
+}
+WORDS = {"is_object": True, "description": "a box", "color": "grey", "shape": "box", "category": "box"}
 ARGUMENT, ARGUMENTS, KEYWORDS, METHOD, V1, V2 = range(6)
 """Codes of the serializer's extensions."""
 
@@ -42,6 +57,8 @@ def test_records_come_back_as_they_were() -> None:
     case = TestCase(id="T.a", outcome="failed", episode={"score": float("inf"), "deep": [{"a": [1]}]})
     report = TestReport(outcome="failed", cases=(case,))
     state = dict(parse_state({"task": TASK, "history": [], "audit": None})) | {"report": report, "fixes": 1}
+    photo = {"camera": CAMERA, "table": TABLE, "objects": [{**SEGMENT, "description": WORDS}]}
+    state |= parse_state({**photo, "dropped": [{"id": 0, "reason": "the robot"}]})
     serializer = RecordSerializer()
     assert serializer.loads_typed(serializer.dumps_typed(state)) == state
 
@@ -69,6 +86,19 @@ def test_records_come_back_as_they_were() -> None:
         {"history": [{"fixed": "task"}]},
         {"fixes": "1"},
         {"candidates": []},
+        {"camera": packed(V2, PERCEPTION, "Camera", {**CAMERA, "fx": -1.0}, "")},
+        {"camera": {**CAMERA, "T_robot_cam": [[1.0]]}},
+        {"camera": packed(V2, PERCEPTION, "TableFrame", TABLE, "")},
+        {"table": packed(V2, PERCEPTION, "TableFrame", {**TABLE, "origin": "the moon"}, "")},
+        {"table": {**TABLE, "residual": "small"}},
+        {"objects": [packed(V2, STATE, "TableObject", {**SEGMENT, "mask": "../../mask.png"}, "")]},
+        {"objects": [packed(V2, STATE, "TableObject", {**SEGMENT, "crop": "/etc/passwd"}, "")]},
+        {"objects": [packed(V2, STATE, "TableObject", {**SEGMENT, "placed": {"id": 1}}, "")]},
+        {"objects": [packed(V2, PERCEPTION, "DroppedCandidate", {"id": 1, "reason": "a shadow"}, "")]},
+        {"objects": [{**SEGMENT, "mask": "../../mask.png"}]},
+        {"objects": packed(V2, STATE, "TableObject", SEGMENT, "")},
+        {"dropped": [packed(V2, PERCEPTION, "DroppedCandidate", {"id": "x", "reason": "a shadow"}, "")]},
+        {"dropped": [{"id": 1}]},
     ],
 )
 def test_forged_content_is_refused(state: dict[str, Any], tmp_path: Path) -> None:
@@ -83,6 +113,9 @@ def test_only_records_are_built(tmp_path: Path) -> None:
         ("subprocess", "getoutput", f"touch {mark}"),
         (REPORT, "CallResult", {"outcome": "ok"}),
         (AGENTS, "TaskRevision", {**TASK, "given-up": "all"}),
+        (PERCEPTION, "CandidateRecord", SEGMENT),
+        (AGENTS, "Description", WORDS),
+        (PERCEPTION, "SceneObject", {"id": 1}),
     ):
         for code in range(6):
             values = RecordSerializer().loads_typed(

@@ -69,11 +69,9 @@ class WordedTask:
             for lower, upper in pairwise(movers):
                 if relation.bottom_up and upper.end[2] <= lower.end[2]:
                     unmet.append(f"{upper.asset} belongs above {lower.asset}, it ended below it")
-        return list(dict.fromkeys(unmet)) or list(self._find_mixed_groups(motions))
-
-    def _find_mixed_groups(self, motions: Sequence[ObjectMotion]) -> Iterator[str]:
-        """Objects that the words put in different places of the same asset, yet that ended together."""
-        taken: dict[int, int] = {}
+        if unmet:
+            return list(dict.fromkeys(unmet))
+        taken: dict[int, int] = {}  # places of the same asset, with the relation whose objects ended there
         for number, relation in enumerate(self.relations):
             places = _select_motions_of_asset(relation.place, motions)
             movers = [motion for motion in motions if motion.asset in relation.movers]
@@ -82,7 +80,8 @@ class WordedTask:
             for mover in movers:
                 place = min(places, key=lambda place: _measure_distance(mover, place)).object
                 if taken.setdefault(place, number) != number:
-                    yield f"{mover.asset} ended with objects that the words put elsewhere"
+                    unmet.append(f"{mover.asset} ended with objects that the words put elsewhere")
+        return unmet
 
 
 def read_task_words(task: TaskDefinition, scene: str) -> WordedTask:

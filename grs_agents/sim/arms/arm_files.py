@@ -1,15 +1,23 @@
-"""Copies of an arm's MJCF file and its dependencies beside the tasks it solves, which can then be moved."""
+"""A user's arm as files: copied beside the tasks that it solves, named relative to them, and tried in a worker first.
 
-from pathlib import Path
+On disk the path of a task instance's arm is relative to the folder of both, so that the folder can be moved.
+"""
+
+from functools import lru_cache
+from pathlib import Path, PurePath
 from typing import Final
 
 from grs_agents.base.errors import InputError
 from grs_agents.base.files import write_bytes
+from grs_agents.base.foreign.run_folder import resolve_member_file
 from grs_agents.base.mujoco_import import mujoco
+from grs_agents.sandbox.host.foreign_reader import ForeignReader
 from grs_agents.sim.arms.robot_file_check import check_robot_file
+from grs_agents.sim.instance.task_instance import TaskInstance
 
 ROBOT_FOLDER: Final = "robot"
 """Folder of a run that holds the copy."""
+_WORKER: Final = "grs_agents.sim.arms.worker"
 
 
 def copy_arm_files(source: Path, folder: Path) -> Path | None:
@@ -35,3 +43,37 @@ def find_arm_file(folder: Path, robot: str) -> str:
     """The arm of a run in ``folder``: the run's copy of the file, if there is any."""
     copied = folder.resolve() / ROBOT_FOLDER / Path(robot).name
     return str(copied) if Path(robot).suffix and copied.is_file() else robot
+
+
+def make_robot_path_relative(instance: TaskInstance, folder: Path) -> TaskInstance:
+    """The instance as saved in ``folder``: an arm's file inside the folder gets a relative path."""
+    file, root = Path(instance.robot), folder.resolve()
+    if not file.is_relative_to(root):
+        return instance
+    return instance.model_copy(update={"robot": file.relative_to(root).as_posix()})
+
+
+def resolve_robot_path(instance: TaskInstance, folder: Path) -> TaskInstance:
+    """The instance as loaded from ``folder``, with the absolute path of the arm's file.
+
+    Raises InputError: the path is absolute or leads out of the folder, there is no such file, or the file is no arm, or
+            takes more memory or time than an arm.
+    """
+    if not PurePath(instance.robot).suffix:
+        return instance
+    path = resolve_member_file(folder, instance.robot).resolve()
+    check_foreign_robot(path)
+    return instance.model_copy(update={"robot": str(path)})
+
+
+def check_foreign_robot(path: Path) -> None:
+    """See that the arm in an MJCF file can be loaded, within the memory and time that an arm needs.
+    Raises InputError: it cannot; or loading it breaks the worker, or takes more."""
+    status = path.stat()
+    _check_once(path, status.st_mtime_ns, status.st_size)
+
+
+@lru_cache(maxsize=64)
+def _check_once(path: Path, _changed: int, _size: int) -> None:
+    with ForeignReader(_WORKER, [path.parent]) as reader:
+        reader.read({"robot": str(path)}, f"robot {path}")

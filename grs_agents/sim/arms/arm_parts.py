@@ -11,12 +11,46 @@ from grs_agents.base import Vec3
 from grs_agents.base.mujoco_import import mujoco
 
 CUP_RADIUS: Final = 0.010
+_VACUUM: Final = 15.0 / CUP_RADIUS**2
+"""Holding force per squared radius, N/m^2: a vacuum of 60 kPa on a disk of 20 mm (18.8 N), times 0.8, is 15 N."""
 TOOL_LENGTH: Final = 0.15
 """From the flange to the tip of the suction cup, metres."""
 ROBOT_CONTYPE: Final = 2
 """Robot geoms meet geoms whose ``conaffinity`` has this bit: objects, not the table and not the robot."""
 Capsule = tuple[Vec3, Vec3, float]
 """From, to, radius, metres, in the frame of the link."""
+
+
+@dataclass(frozen=True)
+class Nozzle:
+    """A round suction nozzle.
+
+    Attributes:
+        radius: of its body, metres.
+        lip: radius of its sealing lip, metres.
+    """
+
+    radius: float
+    lip: float
+
+    @property
+    def holding_force(self) -> float:
+        """Force that it holds, newtons."""
+        return _VACUUM * self.radius**2
+
+    @property
+    def peeling_moment(self) -> float:
+        """Moment that peels its lip off, newton metres: it tips a disk held by that force over its edge."""
+        return self.holding_force * self.radius
+
+    def is_wider_than(self, size: Sequence[float]) -> bool:
+        """Whether its lip fits on no face of a box of ``size`` (3,), metres."""
+        return sorted(size)[1] < 2 * self.lip
+
+
+CUP: Final = Nozzle(CUP_RADIUS, 0.008)
+NARROW: Final = Nozzle(0.004, 0.0028)
+"""For objects under 16 mm: on a cube of 1 cm its body stays 1 mm from the edges."""
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,8 @@
 
 from typing import Any
 
+from grs_agents.sim.end_effectors import Blade, EndEffector, SuctionCup
 from grs_agents.sim.instance.episode import UnsupportedError
-from grs_agents.sim.tabletop import Blade, EndEffector, SuctionCup
 from grs_agents.sim.tabletop_episode import GoalTask, InstanceTask
 
 

@@ -1,6 +1,6 @@
 """Goals from the arguments of programs: validation and normalisation, in CLIPort's order of fields."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -102,19 +102,16 @@ def make_goal(
         max_reward=reward,
         symmetries=_parse_symmetries(symmetries, [symmetry for _, symmetry in pairs]),
     )
-    return goal, [f"add_goal: {note}" for note in _describe_assumptions(goal, matches, entries, symmetries)]
-
-
-def _describe_assumptions(goal: Goal, matches: Any, zones: Sequence[Any], symmetries: Any) -> Iterator[str]:
-    """Assumptions made about the arguments of a goal."""
-    count, targets = len(goal.objects), len(goal.targets)
-    if matches is not None and np.shape(matches) != (count, targets):
-        yield f"matches of shape {np.shape(matches)} was taken for {count} objects and {targets} targets"
+    assumed: list[str] = []
+    count, places = len(goal.objects), len(goal.targets)
+    if matches is not None and np.shape(matches) != (count, places):
+        assumed.append(f"matches of shape {np.shape(matches)} was taken for {count} objects and {places} targets")
     given = count if symmetries is None else np.atleast_1d(np.asarray(symmetries, dtype=object)).shape[0]
     if given not in (1, count):
-        yield f"{given} symmetries for {count} objects: the last one serves for the others"
-    if any((np.asarray(zone[1], dtype=np.float64) < 0).any() for zone in zones):
-        yield "a zone size with negative lengths was taken without their sign"
+        assumed.append(f"{given} symmetries for {count} objects: the last one serves for the others")
+    if any((np.asarray(zone[1], dtype=np.float64) < 0).any() for zone in entries):
+        assumed.append("a zone size with negative lengths was taken without their sign")
+    return goal, [f"add_goal: {note}" for note in assumed]
 
 
 def states_no_object(fields: Any) -> bool:

@@ -61,8 +61,19 @@ def install() -> None:
         if parent:
             setattr(modules[parent], child, module)
     sys.meta_path.insert(0, _UnknownModuleRefuser(tuple(sorted(modules))))
-    os.remove = _wrap_remove_to_skip_templates(os.remove)
-    random.sample = _wrap_sample_to_take_sets(random.sample)
+    remove, sample = os.remove, cast("Callable[..., list[Any]]", random.sample)
+
+    def remove_unless_template(path: Any, *more: Any, **options: Any) -> None:
+        """Ignore filled templates, which are files in CLIPort and none here."""
+        if not isinstance(path, str) or templates.find_filling_by_name(path) is None:
+            remove(path, *more, **options)
+
+    def sample_in_order(population: Any, *more: Any, **options: Any) -> list[Any]:
+        """Take sets, as until Python 3.10; published programs draw colours from them."""
+        members: Any = cast(set[Any], population) if isinstance(population, set | frozenset) else None
+        return sample(population if members is None else sorted(members, key=repr), *more, **options)
+
+    os.remove, random.sample = remove_unless_template, sample_in_order
 
 
 def _group_rotation_functions() -> dict[str, dict[str, Callable[..., Any]]]:
@@ -89,26 +100,6 @@ def _group_rotation_functions() -> dict[str, dict[str, Callable[..., Any]]]:
 
 def _do_nothing(*_: Any, **__: Any) -> None:
     """``IPython.embed``: published programs import it and leave no call of it behind."""
-
-
-def _wrap_remove_to_skip_templates(remove: Callable[..., None]) -> Callable[..., None]:
-    """``os.remove`` that ignores filled templates, which are files in CLIPort and none here."""
-
-    def remove_unless_template(path: Any, *more: Any, **options: Any) -> None:
-        if not isinstance(path, str) or templates.find_filling_by_name(path) is None:
-            remove(path, *more, **options)
-
-    return remove_unless_template
-
-
-def _wrap_sample_to_take_sets(sample: Callable[..., list[Any]]) -> Callable[..., list[Any]]:
-    """``random.sample`` that takes sets, as until Python 3.10; published programs draw colours from them."""
-
-    def sample_in_order(population: Any, *more: Any, **options: Any) -> list[Any]:
-        members: Any = cast(set[Any], population) if isinstance(population, set | frozenset) else None
-        return sample(population if members is None else sorted(members, key=repr), *more, **options)
-
-    return sample_in_order
 
 
 def _make_published_task_module(module: str) -> ModuleType:

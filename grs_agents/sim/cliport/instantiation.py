@@ -39,7 +39,7 @@ def describe_instance(env: Environment, task: Task, seed: int) -> TaskInstance:
             max_steps=parse_max_steps(task.max_steps),
             timestep=env.timestep,
             hz=env.hz,
-            primitive="push" if end_effectors.find_end_effector(task).tool == "spatula" else "pick_place",
+            primitive=end_effectors.find_end_effector(task).primitive,
             sixdof=bool(task.sixdof),
             pos_eps=task.pos_eps,
             rot_eps=task.rot_eps,

@@ -15,16 +15,16 @@ from grs_agents.base.mujoco_import import mujoco
 from grs_agents.sim.cliport.environment import Environment
 from grs_agents.sim.cliport.instantiation import describe_instance
 from grs_agents.sim.cliport.task import Task
+from grs_agents.sim.end_effectors import END_EFFECTORS
 from grs_agents.sim.expert.oracle import Oracle
 from grs_agents.sim.goals.scores import MET
 from grs_agents.sim.goals.strict_score import StrictScorer
 from grs_agents.sim.instance.episode import SimulationError, Stop, set_last_recorder
 from grs_agents.sim.instance.task_instance import TaskInstance
 from grs_agents.sim.motion.pick_place import PickPlaceResult
-from grs_agents.sim.tabletop import Blade, SuctionCup
 from grs_agents.sim.tabletop_episode import TabletopEpisode
 
-_HANDS: Final = (SuctionCup, Blade)
+_HANDS: Final = tuple(END_EFFECTORS.values())
 _TRUSTED: Final = tuple(
     kind
     for kind in (*Environment.__mro__, *Task.__mro__, *Oracle.__mro__, TabletopEpisode, *_HANDS)
@@ -195,9 +195,27 @@ class Probe(EpisodeReplay):
         """The program has set its scene up: compare it with the audited instance, and replace it by the mutant."""
         self._seed_global_generators()
         self._env = env
-        self.difference = self._describe_instance_differences(env)
-        if self.mutant is not None and not self.difference:
-            self._put_mutant_into_environment(self.mutant, env)
+        task: Any = env.task
+        try:
+            drawn = describe_instance(env, cast(Task, task), self.instance.seed)
+        except (AttributeError, TypeError, ValueError, SimulationError):
+            self.difference = "it is no task instance"
+            return
+        found = {item.id: item for item in drawn.task_objects}
+        audited = {item.id: item.model_copy(update=_NAMED_LATER) for item in self.instance.task_objects}
+        fields = [name for name in _COMPARED if getattr(drawn, name) != getattr(self.instance, name)]
+        self.difference = ", ".join(["objects"] * (found != audited) + fields)
+        if self.mutant is None or self.difference:
+            return
+        before = {item.id: item for item in self.instance.objects}
+        for item in self.mutant.objects:
+            if item != before[item.id]:
+                env.replace_object(item)
+        program_goals = tuple(task.goals)
+        task.goals = list(self.mutant.goals)
+        task.lang_goals = [goal.language for goal in self.mutant.goals]
+        task.grs.finish_reset(env)
+        task.grs.told = program_goals  # tests are to look at the table, not to compare the words of goals
 
     def finish_step(self, env: Environment) -> None:
         """An action was scored: undo all actions if it met the last goal and this run is to undo."""
@@ -227,28 +245,6 @@ class Probe(EpisodeReplay):
         self.end_episode()
         held = bool(self.held) and all(self.held)
         return {"solved": self.solved, "difference": self.difference, "replaced": self.replaced, "held": held}
-
-    def _describe_instance_differences(self, env: Environment) -> str:
-        try:
-            drawn = describe_instance(env, cast(Task, env.task), self.instance.seed)
-        except (AttributeError, TypeError, ValueError, SimulationError):
-            return "it is no task instance"
-        found = {item.id: item for item in drawn.task_objects}
-        audited = {item.id: item.model_copy(update=_NAMED_LATER) for item in self.instance.task_objects}
-        fields = [name for name in _COMPARED if getattr(drawn, name) != getattr(self.instance, name)]
-        return ", ".join(["objects"] * (found != audited) + fields)
-
-    def _put_mutant_into_environment(self, mutant: TaskInstance, env: Environment) -> None:
-        task: Any = env.task
-        before = {item.id: item for item in self.instance.objects}
-        for item in mutant.objects:
-            if item != before[item.id]:
-                env.replace_object(item)
-        program_goals = tuple(task.goals)
-        task.goals = list(mutant.goals)
-        task.lang_goals = [goal.language for goal in mutant.goals]
-        task.grs.finish_reset(env)
-        task.grs.told = program_goals  # tests are to look at the table, not to compare the words of goals
 
     def _find_replaced_method(self, env: Environment | None) -> str:
         """First replaced method of the runtime, of a class, of this environment or of its task; "" for none."""

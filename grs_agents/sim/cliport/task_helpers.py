@@ -56,8 +56,18 @@ def add_rope(
         raise SimulationError(
             f"make_ropes: {n_parts} beads over {spacing * n_parts:.3f} m", "give two corners apart, and more beads"
         )
-    points = _find_free_rope_curve(env, bounds, n_parts, spacing, min(radius, spacing / 2))
-    numbers = _add_beads(env, points, min(radius, spacing / 2), color_name)
+    radius = min(radius, spacing / 2)
+    points = _find_free_rope_curve(env, bounds, n_parts, spacing, radius)
+    urdf, color = _BEAD, None if color_name == "red" else color_name
+    if abs(radius - _BEAD_RADIUS) > 1e-6:
+        urdf = templates.fill_template(env.library, "sphere/sphere-template.urdf", {"DIM": (2 * radius,) * 3})
+        color = color_name
+    numbers: list[int] = []
+    ways = np.diff(points, axis=0, append=2 * points[-1:] - points[-2:-1])  # each bead's x axis points to the next
+    for index, ((x, y), (dx, dy)) in enumerate(zip(points, ways, strict=True)):
+        rotation = transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, float(np.arctan2(dy, dx))))
+        shade = "white" if index in (0, len(points) - 1) else color
+        numbers.append(env.add_object(urdf, ((float(x), float(y), radius), rotation), color=shade))
     for parent, child in pairwise(numbers):
         env.tie_objects(
             InstanceTie(
@@ -73,23 +83,6 @@ def add_rope(
     return [(number, (0.0, None)) for number in numbers], targets, matches
 
 
-def _add_beads(env: TabletopSim, points: FloatArray, radius: float, color_name: str) -> list[int]:
-    """Add beads at points (N, 2), each with its x axis towards the next."""
-    urdf, color = _BEAD, None if color_name == "red" else color_name
-    if abs(radius - _BEAD_RADIUS) > 1e-6:
-        urdf, color = (
-            templates.fill_template(env.library, "sphere/sphere-template.urdf", {"DIM": (2 * radius,) * 3}),
-            color_name,
-        )
-    steps = np.diff(points, axis=0, append=2 * points[-1:] - points[-2:-1])
-    numbers: list[int] = []
-    for index, ((x, y), (dx, dy)) in enumerate(zip(points, steps, strict=True)):
-        rotation = transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, float(np.arctan2(dy, dx))))
-        shade = "white" if index in (0, len(points) - 1) else color
-        numbers.append(env.add_object(urdf, ((float(x), float(y), radius), rotation), color=shade))
-    return numbers
-
-
 def _find_free_rope_curve(
     env: TabletopSim, bounds: FloatArray, count: int, spacing: float, radius: float
 ) -> FloatArray:
@@ -98,7 +91,11 @@ def _find_free_rope_curve(
     solid = [env.object_prism(item.id) for item in env.objects if env.object_model(item.id).colliders]
     for obstacles, bend in itertools.product((everything, solid), _BENDS):  # on marks only where else there is no room
         for _ in range(_TRIES):
-            curve = _arc_points(count, spacing, bend * float(env.rng.uniform(0.5, 1.0) * env.rng.choice([-1.0, 1.0])))
+            bent = bend * float(env.rng.uniform(0.5, 1.0) * env.rng.choice([-1.0, 1.0]))  # radians along the arc
+            headings = bent * (np.arange(count - 1) / max(count - 2, 1) - 0.5)
+            steps = spacing * np.stack([np.cos(headings), np.sin(headings)], axis=1)
+            curve = np.vstack([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+            curve = curve - (curve.min(axis=0) + curve.max(axis=0)) / 2
             size = (*(np.ptp(curve, axis=0) + 2 * radius), 2 * radius)
             pose = placement.sample_free_pose(size, bounds, obstacles, env.rng, env.arm)
             if pose is None:
@@ -110,14 +107,6 @@ def _find_free_rope_curve(
         f"no free place for a rope of {count} beads, {count * spacing:.2f} m, among {len(env.objects)} objects",
         "add fewer objects or a shorter rope",
     )
-
-
-def _arc_points(count: int, spacing: float, bend: float) -> FloatArray:
-    """Points (count, 2) on an arc that bends by ``bend`` radians, centred on their bounding box."""
-    headings = bend * (np.arange(count - 1) / max(count - 2, 1) - 0.5)
-    steps = spacing * np.stack([np.cos(headings), np.sin(headings)], axis=1)
-    points = np.vstack([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
-    return points - (points.min(axis=0) + points.max(axis=0)) / 2
 
 
 _GRAIN: Final = "block/small.urdf"
@@ -276,7 +265,13 @@ class TaskKit(GoalTask):
         """``num_points`` poses spread over a library mesh (``kitting/03.obj``), scaled, placed, seen from above."""
         library, name = self.grs.env.library, "/".join(PurePosixPath(model.replace("\\", "/")).parts[-2:])
         surface = read_surface(library.mesh_or_texture_path(name))
-        points = _sample_upward_surface(surface.corners * np.asarray(scale), num_points, self.rng)
+        triangles = surface.corners * np.asarray(scale)
+        corner, first, second = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+        area = np.maximum(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0], 0.0)  # of those that face upwards
+        chosen = self.rng.choice(len(area), num_points, p=area / area.sum())
+        share = self.rng.uniform(size=(num_points, 2))
+        share = np.where(share.sum(axis=1, keepdims=True) > 1, 1 - share, share)
+        points = corner[chosen] + share[:, :1] * first[chosen] + share[:, 1:] * second[chosen]
         return [
             (transforms.to_vec3(point), transforms.IDENTITY) for point in transforms.transform_points(pose, points.T).T
         ]
@@ -302,16 +297,6 @@ def _strew_pile(env: Environment, low: FloatArray, width: float, count: int, col
         rotation = transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, float(env.rng.uniform(-np.pi, np.pi))))
         ids.append(env.add_object(_GRAIN, ((float(x), float(y), 0.005), rotation), color=colors[number % len(colors)]))
     return ids
-
-
-def _sample_upward_surface(triangles: FloatArray, count: int, rng: np.random.Generator) -> FloatArray:
-    """Points (count, 3) drawn uniformly, seen from above, from the triangles (N, 3, 3) that face upwards."""
-    corner, first, second = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
-    area = np.maximum(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0], 0.0)
-    chosen = rng.choice(len(area), count, p=area / area.sum())
-    share = rng.uniform(size=(count, 2))
-    share = np.where(share.sum(axis=1, keepdims=True) > 1, 1 - share, share)
-    return np.asarray(corner[chosen] + share[:, :1] * first[chosen] + share[:, 1:] * second[chosen])
 
 
 _FOLDS: Final = (1, 1, 3, 4, 4, 1, 2, 5, 2, 4, 5, 0, 1, 1, 1, 1, 0, 6, 1, 1)

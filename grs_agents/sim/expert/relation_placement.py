@@ -63,12 +63,22 @@ class RelationPlanner:
             detail = f"{name} has tipped over or lies: {tilt}; a tool that points down cannot right it"
             return Stop("toppled", detail, (scene.object_name(number),))
         if goal.relation_kind == "stacked":
-            return _choose_stack_target(goal.objects[goal.objects.index(number) - 1], goal, number, task, scene, lift)
+            below = goal.objects[goal.objects.index(number) - 1]
+            center = (scene.object_pose(below)[0][0], scene.object_pose(below)[0][1])
+            turn = wrap_angle(scene.object_yaw(below) - scene.object_yaw(number), np.pi / 2)
+            spots = [_rest_spot_at_point(center, angle, number, scene) for angle in (turn, 0.0)]
+            target = _choose_first_valid_spot(iter(spots), goal, number, task, scene, lift)
+            if isinstance(target, Spot) or target.outcome == "unreachable":
+                return target
+            blocker = _find_blocker_at_spot(spots[0], number, scene, below)
+            if blocker is None:
+                return target
+            return BlockedTarget(blocker, (predict_scene_after_placing(spots[0], number, scene).object_prism(number),))
         if goal.relation_kind == "aligned":
             return self._choose_line_target(goal, number, task, scene, lift)
         if goal.relation_kind == "near":
-            spots = _candidate_spots_beside(goal, number, scene, lift)
-            return _choose_first_valid_spot(spots, goal, number, task, scene, lift)
+            beside = _candidate_spots_beside(goal, number, scene, lift)
+            return _choose_first_valid_spot(beside, goal, number, task, scene, lift)
         return _choose_spot_on_reference(goal, number, task, scene, lift)
 
     def goal_rows_to_move(self, goal: Goal, scene: PlanningScene) -> list[int]:
@@ -159,22 +169,6 @@ def _rest_spot_at_point(center: tuple[float, float], turn: float, number: int, s
     shape = rotated_outline_at_origin(scene.object_prism(number), np.asarray(scene.object_pose(number)[0][:2]), turn)
     height = rest_heights_at_offsets(shape, scene.prisms_of_other_objects(number), np.array([center]), OVERLAP)
     return Spot(center, turn, float(height[0]))
-
-
-def _choose_stack_target(
-    below: int, goal: Goal, number: int, task: ScoredTask, scene: PlanningScene, lift: float
-) -> Target:
-    """Target centred on the object below, with its yaw; a blocker there is cleared first."""
-    center = (scene.object_pose(below)[0][0], scene.object_pose(below)[0][1])
-    turn = wrap_angle(scene.object_yaw(below) - scene.object_yaw(number), np.pi / 2)
-    spots = [_rest_spot_at_point(center, angle, number, scene) for angle in (turn, 0.0)]
-    target = _choose_first_valid_spot(iter(spots), goal, number, task, scene, lift)
-    if isinstance(target, Spot) or target.outcome == "unreachable":
-        return target
-    blocker = _find_blocker_at_spot(spots[0], number, scene, below)
-    if blocker is None:
-        return target
-    return BlockedTarget(blocker, (predict_scene_after_placing(spots[0], number, scene).object_prism(number),))
 
 
 def _find_blocker_at_spot(spot: Spot, number: int, scene: PlanningScene, below: int = -1) -> int | None:

@@ -1,13 +1,11 @@
 """Overlaps between objects before they settle, and support forces on them at rest."""
 
 from itertools import combinations, product
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from grs_agents.base import Frozen
-from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.base.mujoco_import import mujoco
 from grs_agents.sim.tabletop import TabletopSim
 from grs_agents.sim.world.footprints import Prism, signed_outline_gaps
@@ -80,7 +78,7 @@ def measure_supports(table: TabletopSim) -> tuple[Support, ...]:
     """Support of each loose object of the task, from contact forces in a copy of the scene with all bodies awake."""
     physics = table.physics
     model, world = physics.model, physics.world
-    data = mujoco.MjData(model)
+    data, force, owners = mujoco.MjData(model), np.empty(6), world.owner_of_geom
     for name in ("qpos", "act", "eq_active", "qacc_warmstart"):
         getattr(data, name)[:] = getattr(physics.data, name)
     flags, sleep = model.opt.enableflags, int(mujoco.mjtEnableBit.mjENBL_SLEEP)
@@ -92,7 +90,18 @@ def measure_supports(table: TabletopSim) -> tuple[Support, ...]:
         sums = np.zeros((max(mine, default=0) + 1, 3))  # upward, upward by level contacts, sideways; N
         for _ in range(_MEASURED):
             mujoco.mj_step(model, data)
-            _add_contact_forces(model, data, world.owner_of_geom, sums)
+            held = owners[data.contact.geom]
+            for index in np.flatnonzero(((held >= 0) & (held < len(sums))).any(axis=1)).tolist():
+                contact = data.contact[index]
+                mujoco.mj_contactForce(model, data, index, force)
+                frame = contact.frame.reshape(3, 3)
+                x, y, z = force[:3] @ frame  # on the second geom
+                level = abs(frame[0, 2]) >= _LEVEL
+                for geom, sign in ((contact.geom[0], -1.0), (contact.geom[1], 1.0)):
+                    owner = int(owners[geom])
+                    if 0 <= owner < len(sums):
+                        lift = max(0.0, sign * z)
+                        sums[owner] += (lift, lift * level, float(np.hypot(x, y)))
     finally:
         model.opt.enableflags = flags
     supports: list[Support] = []
@@ -103,19 +112,3 @@ def measure_supports(table: TabletopSim) -> tuple[Support, ...]:
             Support(object=number, carried=round(level / weight, 3), squeeze=round(sideways / max(weight, up), 3))
         )
     return tuple(supports)
-
-
-def _add_contact_forces(model: Any, data: Any, owners: npt.NDArray[np.int_], sums: FloatArray) -> None:
-    """Add the contact forces on the objects whose ids are rows of ``sums``."""
-    force, held = np.empty(6), owners[data.contact.geom]
-    for index in np.flatnonzero(((held >= 0) & (held < len(sums))).any(axis=1)).tolist():
-        contact = data.contact[index]
-        mujoco.mj_contactForce(model, data, index, force)
-        frame = contact.frame.reshape(3, 3)
-        world = force[:3] @ frame  # on the second geom
-        level = abs(frame[0, 2]) >= _LEVEL
-        for geom, sign in ((contact.geom[0], -1.0), (contact.geom[1], 1.0)):
-            owner = int(owners[geom])
-            if 0 <= owner < len(sums):
-                lift = max(0.0, sign * world[2])
-                sums[owner] += (lift, lift * level, float(np.hypot(world[0], world[1])))

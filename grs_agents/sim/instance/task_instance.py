@@ -19,6 +19,8 @@ from grs_agents.base.geometry import transforms
 from grs_agents.sim.instance.faults import describe_first_error
 from grs_agents.sim.instance.goal import Goal, Placed, Unit, check_unit_quaternion
 
+Primitive = Literal["pick_place", "push"]
+"""Action of the end effector; `grs_agents.sim.end_effectors` has the end effector of each."""
 POSITION_TOLERANCE = 0.01
 ROTATION_TOLERANCE = math.radians(15)
 LARGEST_POS_EPS, LARGEST_ROT_EPS = 0.05, math.radians(30)
@@ -150,7 +152,7 @@ class TaskInstance(Frozen):
     max_steps: Annotated[int, Field(ge=1, le=200)]
     timestep: Annotated[float, Field(ge=0.0005, le=0.01)]  # of the physics, seconds
     hz: Annotated[int, Field(ge=1, le=100_000)] = 240  # that the program asked for; recorded, not used
-    primitive: Literal["pick_place", "push"] = "pick_place"
+    primitive: Primitive = "pick_place"
     sixdof: bool = False
     pos_eps: Annotated[float, Field(gt=0, le=LARGEST_POS_EPS)] = POSITION_TOLERANCE  # of ``pose`` goals, metres
     rot_eps: Annotated[float, Field(gt=0, le=LARGEST_ROT_EPS)] = ROTATION_TOLERANCE  # radians

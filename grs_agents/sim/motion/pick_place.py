@@ -149,7 +149,15 @@ class PickPlaceMotion:
             return self._make_out_of_reach_result(lowest.point)
         touched = grasp.find_touched_object(physics, aimed)
         if touched is None:
-            return self._explain_no_contact(point, aimed, met)
+            if fixed := sorted(physics.objects_touching_cup()):
+                note = f"{self.names[fixed[0]]}, which is fixed, at {format_point(point)}"
+                return PickPlaceResult(None, False, note, "unreachable")
+            if others := sorted(met - {aimed}):
+                goal = f", to {self.names[aimed]}" if aimed >= 0 else ""
+                names = " and ".join(self.names[other] for other in others)
+                note = f"{names} is in the arm's way on its way down{goal} at {format_point(point)}"
+                return PickPlaceResult(None, False, note, "hindered")
+            return PickPlaceResult(None, False, f"nothing to grasp at {format_point(point)}")
         best, share = touched
         if share < grasp.SEALED:
             self._retreat_upwards()
@@ -165,18 +173,6 @@ class PickPlaceMotion:
     def _make_out_of_reach_result(self, point: Vec3) -> PickPlaceResult:
         note = f"the arm cannot reach {format_point(point)} with the tool down{self._hindrance}"
         return PickPlaceResult(None, False, note, "unreachable")
-
-    def _explain_no_contact(self, point: Vec3, aimed: int, met: set[int]) -> PickPlaceResult:
-        """The failure of a descent to the end without a graspable contact; ``met``: ids that the robot touched."""
-        if fixed := sorted(self.physics.objects_touching_cup()):
-            note = f"{self.names[fixed[0]]}, which is fixed, at {format_point(point)}"
-            return PickPlaceResult(None, False, note, "unreachable")
-        if others := sorted(met - {aimed}):
-            goal = f", to {self.names[aimed]}" if aimed >= 0 else ""
-            names = " and ".join(self.names[other] for other in others)
-            note = f"{names} is in the arm's way on its way down{goal} at {format_point(point)}"
-            return PickPlaceResult(None, False, note, "hindered")
-        return PickPlaceResult(None, False, f"nothing to grasp at {format_point(point)}")
 
     def _place_object(self, grasped: int, place: ToolPose) -> PickPlaceResult:
         physics = self.physics

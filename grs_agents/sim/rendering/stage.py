@@ -92,7 +92,16 @@ class Stage:
             add_robot(spec, props.arm, props.push, props.dressed)
         textured: dict[str, Shape] = {}
         for item in props.objects:
-            textured |= _add_object(spec, item, library, props.textures)
+            body = spec.worldbody.add_body(name=f"object_{item.id}", mocap=True)
+            shapes = load_object_model(item, library)
+            for index, shape in enumerate(shapes.visuals or shapes.colliders):
+                name, color = f"object_{item.id}_{index}", item.color or shape.color
+                if shape.texture and props.textures and not item.color:
+                    textured[name], color = shape, None
+                elif color is None:
+                    asset_color = library.asset(item.asset).color if item.asset in library else ""
+                    color = (*COLORS.get(asset_color, _GREY[:3]), 1.0)
+                _add_shape(spec, body, shape, library, name, color)
         if props.background is not None:
             body = spec.worldbody.add_body(name="background")
             for index, shape in enumerate(library.load_object_model(props.background).visuals):
@@ -161,21 +170,6 @@ def add_robot(spec: Any, arm: Arm, push: bool, dressed: bool = True) -> None:
         replace_cup_with_spatula(spec)
     if dressed:
         set_arm_visuals(spec, arm.looks)
-
-
-def _add_object(spec: Any, item: InstanceObject, library: Library, textures: bool) -> dict[str, Shape]:
-    """Add an object as a mocap body. Returns: its textured shapes by geom name."""
-    body = spec.worldbody.add_body(name=f"object_{item.id}", mocap=True)
-    shapes, textured = load_object_model(item, library), dict[str, Shape]()
-    for index, shape in enumerate(shapes.visuals or shapes.colliders):
-        name, color = f"object_{item.id}_{index}", item.color or shape.color
-        if shape.texture and textures and not item.color:
-            textured[name], color = shape, None
-        elif color is None:
-            kind = library.asset(item.asset).color if item.asset in library else ""
-            color = (*COLORS.get(kind, _GREY[:3]), 1.0)
-        _add_shape(spec, body, shape, library, name, color)
-    return textured
 
 
 def _add_shape(spec: Any, body: Any, shape: Shape, library: Library, name: str, color: tuple[float, ...] | None) -> Any:

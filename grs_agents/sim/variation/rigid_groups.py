@@ -228,11 +228,26 @@ def find_rigid_groups(
         and prisms[item.id].low > _FLOATING
         and len(groups.group_of(item.id)) == 1
     }
-    return tuple(
-        _make_group(members, instance, prisms, places)
-        for members in groups.all_groups()
-        if not held.intersection(members)
-    )
+    rigid: list[RigidGroup] = []
+    for members in groups.all_groups():
+        if held.intersection(members):
+            continue
+        lowest = min(prisms[number].low for number in members)
+        base = max(
+            (number for number in members if prisms[number].low < lowest + _FLOATING),
+            key=lambda number: (bounding_box_area(prisms[number]), -number),
+        )
+        x, y, _ = next(item.pose[0] for item in instance.objects if item.id == base)
+        rigid.append(
+            RigidGroup(
+                objects=frozenset(members),
+                targets=frozenset(place for place, owner in places.targets.items() if owner in members),
+                zones=frozenset(place for place, owner in places.zones.items() if owner in members),
+                pivot=(x, y),
+                turns=not places.beside.intersection(members),
+            )
+        )
+    return tuple(rigid)
 
 
 class _Groups:
@@ -255,22 +270,3 @@ class _Groups:
     def all_groups(self) -> list[list[int]]:
         """Every group, without repetitions."""
         return list({id(group): group for group in self._group.values()}.values())
-
-
-def _make_group(
-    members: list[int], instance: TaskInstance, prisms: Mapping[int, Prism], places: OwnedPlaces
-) -> RigidGroup:
-    ids = frozenset(members)
-    lowest = min(prisms[number].low for number in ids)
-    base = max(
-        (number for number in ids if prisms[number].low < lowest + _FLOATING),
-        key=lambda number: (bounding_box_area(prisms[number]), -number),
-    )
-    x, y, _ = next(item.pose[0] for item in instance.objects if item.id == base)
-    return RigidGroup(
-        objects=ids,
-        targets=frozenset(place for place, owner in places.targets.items() if owner in ids),
-        zones=frozenset(place for place, owner in places.zones.items() if owner in ids),
-        pivot=(x, y),
-        turns=not ids & places.beside,
-    )

@@ -12,10 +12,10 @@ import numpy.typing as npt
 from grs_agents.base.mujoco_import import mujoco
 from grs_agents.library.library import Library
 from grs_agents.sim.arms.arm import Arm
+from grs_agents.sim.arms.arm_parts import CUP, NARROW, Nozzle
 from grs_agents.sim.arms.registry import get_arm
 from grs_agents.sim.instance.episode import SimulationError
 from grs_agents.sim.instance.task_instance import InstanceObject, InstanceTie
-from grs_agents.sim.world.nozzles import CUP, NARROW, Nozzle
 from grs_agents.sim.world.spec import (
     LARGEST_BEAD,
     TIMESTEP,

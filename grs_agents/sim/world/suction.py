@@ -6,9 +6,8 @@ from typing import Any, Final
 import numpy as np
 
 from grs_agents.base.mujoco_import import mujoco
-from grs_agents.sim.arms.arm_parts import ROBOT_CONTYPE
+from grs_agents.sim.arms.arm_parts import CUP, ROBOT_CONTYPE, Nozzle
 from grs_agents.sim.world.compilation import World
-from grs_agents.sim.world.nozzles import CUP, Nozzle
 
 HOLDING_FORCE: Final = CUP.holding_force
 """Force that the suction cup holds, newtons."""

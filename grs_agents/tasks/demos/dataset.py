@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from grs_agents.base.errors import ConfigError, GrsError, InputError
 from grs_agents.base.files import write_json, write_text
-from grs_agents.sim.instance.robot_file import make_robot_path_relative
+from grs_agents.sim.arms.arm_files import make_robot_path_relative
 from grs_agents.sim.instance.task_instance import TaskInstance
 from grs_agents.tasks.demos.attempt_store import AttemptStore
 from grs_agents.tasks.demos.lerobot import write_lerobot

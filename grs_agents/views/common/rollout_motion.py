@@ -10,7 +10,7 @@ import numpy.typing as npt
 from grs_agents.base.errors import InputError
 from grs_agents.base.foreign.arrays import read_npz
 from grs_agents.base.foreign.files import read_bytes
-from grs_agents.sim.instance.robot_file import resolve_robot_path
+from grs_agents.sim.arms.arm_files import resolve_robot_path
 from grs_agents.sim.instance.task_instance import MAX_BYTES, InstanceError, TaskInstance, parse_instance_json
 
 Array = npt.NDArray[np.float32]
