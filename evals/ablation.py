@@ -1,10 +1,8 @@
 """The paper's Table 2: rewards of the trusted oracle for graphs without router, fixes or image."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
-from evals.benchmark.ablation_figures import tell_figures
-from evals.benchmark.ablation_runs import make_runs, make_scenes
+from evals.benchmark.ablation_runs import make_runs, make_scenes, tell_figures
 from evals.synthesis import Recipe, recipes
 from grs_agents.base import content
 from grs_agents.base.errors import UnknownNameError
@@ -24,19 +22,6 @@ def main(arguments: Sequence[str]) -> int:
     Raises:
         InputError: a name is no scene or graph.
     """
-    experiment = _make_parser().start(arguments)
-    options = experiment.options
-    graphs = [name.strip() for name in options.graphs.split(",") if name.strip()]
-    for name in graphs:
-        if name not in content.content_names("graphs"):
-            raise UnknownNameError("graph", name, content.content_names("graphs"))
-    scenes = list_scenes(options.scenes) if options.scenes else _synthesise(options.synthesised, options.out)
-    measured = make_runs(scenes, graphs, experiment)
-    tell_figures(measured, experiment)
-    return 0 if all(one.status in ("accepted", "rejected") for one in measured) else 1
-
-
-def _make_parser() -> ExperimentParser:
     parser = ExperimentParser("ablation", __doc__)
     parser.add_argument("scenes", nargs="*", help="as grs batch takes them; made ones by default")
     parser.add_argument("--synthesised", type=positive_int, default=10, metavar="N", help="scenes to make: 10")
@@ -44,9 +29,19 @@ def _make_parser() -> ExperimentParser:
     parser.add_argument("--graphs", default=GRAPHS, help=f"with commas: {GRAPHS}")
     parser.add_argument("--workers", type=positive_int, default=2, help="runs at a time")
     parser.add_argument("--timeout", type=float, default=600, help="seconds before a run is killed")
-    return parser
-
-
-def _synthesise(count: int, out: Path) -> tuple[str, ...]:
-    """Scenes of fifteen things each, as in the paper; those that are there stay."""
-    return tuple(map(str, make_scenes(recipes(count, 0, Recipe(objects=15)), out.resolve() / "scenes")))
+    experiment = parser.start(arguments)
+    options = experiment.options
+    graphs = [name.strip() for name in options.graphs.split(",") if name.strip()]
+    for name in graphs:
+        if name not in content.content_names("graphs"):
+            raise UnknownNameError("graph", name, content.content_names("graphs"))
+    scenes = (
+        list_scenes(options.scenes)
+        if options.scenes
+        else tuple(
+            map(str, make_scenes(recipes(options.synthesised, 0, Recipe(objects=15)), options.out.resolve() / "scenes"))
+        )
+    )
+    measured = make_runs(scenes, graphs, experiment)
+    tell_figures(measured, experiment)
+    return 0 if all(run.status in ("accepted", "rejected") for run in measured) else 1

@@ -1,12 +1,11 @@
 """Verdicts of the audit on cheats, which it should reject, and on first plans of honest authors, which it should
 accept."""
 
-import argparse
 import json
 import os
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -78,9 +77,24 @@ def _audit_in_folder(scene: str, name: str, given: State, folder: Path, config: 
         policy, assets = load_policy(config.policy), Path(scene).resolve() / "assets" if known else None
         services = Services(config, log, agents, policy, sandbox, folder, assets=assets)
         state: Any = {"max_fixes": 0, "fixes": 0, "history": [], "image": ""}
-        state |= _read_or_comprehend(scene, known, services) | given
-        if reason := _write_and_test(state, not given, services):
-            return _rejected(label, name, not given, *reason)
+        if known:
+            state["scene"] = read_scene_description(Path(scene) / "scene.json").model_dump(mode="json")
+        else:
+            sample = content.content_path("assets", "scenes") / scene
+            graph = content.load_module("graphs", "scene").build().compile()
+            state |= graph.invoke({"scene_path": str(sample if sample.is_dir() else scene)}, context=services)
+        state |= given
+        if failure := _write_and_test(state, not given, services):
+            stage, detail = failure
+            return AuditedCase(
+                scene=label,
+                name=name,
+                honest=not given,
+                accepted=False,
+                failed=(stage,),
+                detail=detail,
+                cpu_seconds=0.0,
+            )
         before = _cpu_seconds_of_processes()
         state |= audit_task(state, runtime=Runtime(context=services))
         seconds = _cpu_seconds_of_processes() - before
@@ -113,22 +127,8 @@ def _write_and_test(state: Any, write: bool, services: Services) -> tuple[str, s
     return "tests", failing or str(report.message)
 
 
-def _rejected(scene: str, name: str, honest: bool, stage: str, detail: str) -> AuditedCase:
-    return AuditedCase(
-        scene=scene, name=name, honest=honest, accepted=False, failed=(stage,), detail=detail, cpu_seconds=0.0
-    )
-
-
-def _read_or_comprehend(scene: str, known: bool, services: Services) -> State:
-    if known:
-        return {"scene": read_scene_description(Path(scene) / "scene.json").model_dump(mode="json")}
-    sample = content.content_path("assets", "scenes") / scene
-    graph = content.load_module("graphs", "scene").build().compile()
-    return graph.invoke({"scene_path": str(sample if sample.is_dir() else scene)}, context=services)
-
-
 def _cpu_seconds_of_processes() -> float:
-    """Of this process, its descendants, and those of theirs that have ended (Linux)."""
+    """CPU time of this process and its descendants, ended ones included (Linux), s."""
     parents: dict[int, int] = {}
     ticks: dict[int, int] = {}
     for folder in Path("/proc").glob("[0-9]*"):
@@ -170,20 +170,6 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--seeds", default="0:10", help="of the plans, FIRST:END (0:10)")
     experiment = parser.start(arguments)
     options, config = experiment.options, experiment.config
-    work = _plan_audits(options, config)
-    choosing = ("scenes", "seeds") if not options.cheats else ()
-    rows = experiment.make_or_reuse_rows(AuditedCase, work, choosing=choosing, show=str)
-    summary = summarise_verdicts(rows)
-    audited = f"cheats of {options.cheats.name}" if options.cheats else f"plans, {len(options.scenes)} scenes"
-    table = [{"audited": audited, "accepted": summary["accepted"], **_count_rejections(rows)}]
-    lines = [f"{key}: {value}" for key, value in summary.items()]
-    experiment.tell(table, *lines, summary=summary, rows=[row.model_dump() for row in rows])
-    wrong = sum(row.accepted != row.honest for row in rows)
-    return int(wrong > (0 if options.cheats else FALSE_ALARMS * len(rows)))
-
-
-def _plan_audits(options: argparse.Namespace, config: Config) -> dict[str, Callable[[], AuditedCase]]:
-    """The function that audits each cheat, or each first plan, by name."""
     if options.cheats:
         folders = sorted(path.parent for path in options.cheats.glob("*/task.json"))
         work = {folder.name: partial(audit_cheat, options.scenes[0], folder, config) for folder in folders}
@@ -193,10 +179,21 @@ def _plan_audits(options: argparse.Namespace, config: Config) -> dict[str, Calla
         work = {f"{scene} {seed}": partial(audit_first_plan, scene, seed, config) for scene, seed in plans}
     if not work:
         raise InputError("there is nothing to audit", "name a folder of cheats, or --seeds FIRST:END with FIRST < END")
-    return work
-
-
-def _count_rejections(rows: Sequence[AuditedCase]) -> dict[str, int]:
+    choosing = ("scenes", "seeds") if not options.cheats else ()
+    rows = experiment.make_or_reuse_rows(AuditedCase, work, choosing=choosing, show=str)
+    summary = summarise_verdicts(rows)
+    audited = f"cheats of {options.cheats.name}" if options.cheats else f"plans, {len(options.scenes)} scenes"
     refused = [row for row in rows if not row.accepted]
     by_tests = sum(row.failed[0] in ("tests", "no plan") for row in refused)
-    return {"rejected by the audit": len(refused) - by_tests, "rejected by their tests": by_tests}
+    table = [
+        {
+            "audited": audited,
+            "accepted": summary["accepted"],
+            "rejected by the audit": len(refused) - by_tests,
+            "rejected by their tests": by_tests,
+        }
+    ]
+    lines = [f"{key}: {value}" for key, value in summary.items()]
+    experiment.tell(table, *lines, summary=summary, rows=[row.model_dump() for row in rows])
+    wrong = sum(row.accepted != row.honest for row in rows)
+    return int(wrong > (0 if options.cheats else FALSE_ALARMS * len(rows)))

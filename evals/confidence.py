@@ -14,6 +14,7 @@ from evals.benchmark.calibration import (
     reliability,
     write_reliability_diagram,
 )
+from evals.benchmark.ground_truth import scene_folders
 from grs_agents.base import Frozen
 from grs_agents.base.errors import InputError
 from grs_agents.library.library import Library
@@ -50,7 +51,7 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--fit", action="store_true", help="also print the coefficients that fit these scenes best")
     experiment = parser.start(arguments)
     options, config = experiment.options, experiment.config
-    folders = [folder for place in options.scenes for folder in _scene_folders(Path(place))]
+    folders = scene_folders(map(Path, options.scenes))
     with Sandbox() as sandbox:
         context = ToolContext(sandbox=sandbox, library=Library(), limits=config.limits)
 
@@ -59,7 +60,7 @@ def main(arguments: Sequence[str]) -> int:
 
         work = {str(folder): partial(name, folder) for folder in folders}
         rows = experiment.make_or_reuse_rows(_Named, work, choosing=("scenes", "fit"))
-    named = [one for row in rows for one in row.assets]
+    named = [asset for row in rows for asset in row.assets]
     if not named:
         raise InputError("no segment of these scenes is like an asset", "name scenes with objects")
     figures = calibration_figures(named, DEFAULT.matching.least)
@@ -79,12 +80,4 @@ def main(arguments: Sequence[str]) -> int:
         reliability=bins,
         fitted=fitted,
     )
-    return 0 if all(one.is_target_met is not False for one in figures) else 1
-
-
-def _scene_folders(place: Path) -> list[Path]:
-    """A scene's own folder, or the scene folders in it."""
-    found = sorted({file.parent for pattern in ("camera.json", "*/camera.json") for file in place.glob(pattern)})
-    if not found:
-        raise InputError(f"{place} holds no scene", "name a folder of scene folders")
-    return found
+    return 0 if all(figure.is_target_met is not False for figure in figures) else 1

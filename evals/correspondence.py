@@ -1,4 +1,4 @@
-"""How often each object of a photo gets its asset: the paper's Table 1, on synthesised or labelled scenes."""
+"""Correspondence of objects in a photo with assets: the paper's Table 1, on synthesised or labelled scenes."""
 
 from collections.abc import Sequence
 

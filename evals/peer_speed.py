@@ -92,12 +92,12 @@ def measure_grs(steps: int, size: int) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as folder:
         run = timing.write_instance(Path(folder))
         env = GrsEnv(run, control="ee_delta")
-        found = {"hertz": 25.0, "steps": rate(stepping(env), steps)}
-        found["resets"] = rate(lambda: env.reset(seed=0), max(steps // 10, 3))
+        rates = {"hertz": 25.0, "steps": rate(stepping(env), steps)}
+        rates["resets"] = rate(lambda: env.reset(seed=0), max(steps // 10, 3))
         env = GrsEnv(run, control="ee_delta", cameras=("front",), image_size=(size, size))
-        found["pictures"] = rate(stepping(env), steps // 5)
+        rates["pictures"] = rate(stepping(env), steps // 5)
         env.close()
-    return found
+    return rates
 
 
 def measure_peer(peer: str, python: str, steps: int, size: int) -> dict[str, float]:
@@ -111,17 +111,17 @@ def measure_peer(peer: str, python: str, steps: int, size: int) -> dict[str, flo
     if done.returncode:
         last = (done.stderr.strip().splitlines() or [f"exit status {done.returncode}"])[-1]
         raise ConfigError(f"{peer} does not run with {python}: {last}", f"pip install {PEERS[peer][0]} there")
-    found: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
-    return found
+    rates: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
+    return rates
 
 
-def figures_of(name: str, found: dict[str, float], reference: dict[str, float] | None) -> list[Figure]:
+def figures_of(name: str, rates: dict[str, float], reference: dict[str, float] | None) -> list[Figure]:
     """Rates in simulated time, so that control rates compare: steps per CPU second over the control rate."""
     rows: list[Figure] = []
     for kind in ("steps", "pictures", "resets"):
-        if kind not in found:
+        if kind not in rates:
             continue
-        value = found[kind] if kind == "resets" else found[kind] / found["hertz"]
+        value = rates[kind] if kind == "resets" else rates[kind] / rates["hertz"]
         unit = "per CPU s" if kind == "resets" else "simulated s per CPU s"
         rows.append(Figure(name=f"{name}: {kind}", value=value, unit=unit, smaller_is_better=False))
         if reference is not None and kind in reference:

@@ -1,4 +1,4 @@
-"""How good perception is: segments, boxes, poses, frame, time and memory, on labelled or synthesised scenes."""
+"""Errors of perception: segments, boxes, poses, frame, time and memory, on labelled or synthesised scenes."""
 
 from collections.abc import Sequence
 

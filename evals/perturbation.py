@@ -19,11 +19,11 @@ from grs_agents.sim import instantiate as instantiate_task
 from grs_agents.sim.world.spec import fill_in_masses_and_frictions
 
 _SOLVED: Final = 0.9
-"""Reward and strict score from which on an episode counts, as `audit.reward` has it."""
+"""Least reward and strict score of a solved episode, as in `audit.reward`."""
 _TRIES: Final = 5
 """Actions for each action of a task: a noisy hand repeats failed grasps."""
 _SHARE: Final = 0.3
-"""By which friction and mass differ."""
+"""Relative change of friction and mass."""
 
 
 class _Condition(Frozen):
@@ -75,11 +75,11 @@ def main(arguments: Sequence[str]) -> int:
     table: list[dict[str, Any]] = []
     for name, number in solved.items():
         worst = min(rows, key=lambda row: len(row.solved[name]))
-        told = f"{worst.program}, {len(worst.solved[name])} of {count}"
-        table.append({"condition": name, "solved": f"{number} of {episodes}", "worst program": told})
+        text = f"{worst.program}, {len(worst.solved[name])} of {count}"
+        table.append({"condition": name, "solved": f"{number} of {episodes}", "worst program": text})
     experiment.tell(table, programs={row.program: row.solved for row in rows})
     least = solved["as it is"] - 0.01 * episodes
-    same = all(solved[name] >= least for name, one in CONDITIONS.items() if not one.noise)
+    same = all(solved[name] >= least for name, condition in CONDITIONS.items() if not condition.noise)
     return 0 if same and solved["hand 5 mm"] >= 0.97 * episodes and solved["hand 10 mm"] >= 0.75 * episodes else 1
 
 
@@ -94,7 +94,7 @@ def measure_program(path: Path, seeds: int) -> _Program:
         np.random.seed(seed)
         instances.append(fill_in_masses_and_frictions(instantiate_task(task(), seed, library), library))
     solved = {
-        name: tuple(one.seed for one in instances if _is_solved(one, condition, library))
+        name: tuple(instance.seed for instance in instances if _is_solved(instance, condition, library))
         for name, condition in CONDITIONS.items()
     }
     return _Program(program=path.stem, solved=solved)

@@ -14,7 +14,7 @@ from grs_agents.perception.registration.size_check import (
     is_match_certain,
     upright_box_from_aabb,
 )
-from grs_agents.perception.types import SceneObject, read_scene_description
+from grs_agents.perception.types import read_scene_description
 from grs_agents.runs.experiment_run import ExperimentParser
 
 
@@ -38,7 +38,12 @@ def main(arguments: Sequence[str]) -> int:
     files = sorted(folder.rglob("scene.json"))
     if not files:
         raise InputError(f"{folder} holds no scene.json", "make some with `grs batch` or `grs scene`")
-    work = {_name(file, folder): partial(_check_scene, file) for file in files}
+    work = {
+        f"{file.relative_to(folder).parent} {hashlib.sha256(file.read_bytes()).hexdigest()[:12]}": partial(
+            _check_scene, file
+        )
+        for file in files
+    }
     rows = [row for scene in experiment.make_or_reuse_rows(_Scene, work) for row in scene.objects]
     off, known = [row for row in rows if not row["agrees"]], sum(row["is_match_certain"] for row in rows)
     lines = [
@@ -55,25 +60,24 @@ def main(arguments: Sequence[str]) -> int:
     return 1 if off else 0
 
 
-def _name(file: Path, folder: Path) -> str:
-    """The scene's path, and a hash of its description: a changed description is checked anew."""
-    return f"{file.relative_to(folder).parent} {hashlib.sha256(file.read_bytes()).hexdigest()[:12]}"
-
-
 def _check_scene(file: Path) -> "_Scene":
     library, proxies = Library(), file.parent / "assets"
     library = library.copy_with_overlay_root(proxies) if proxies.is_dir() else library
     things = read_scene_description(file).objects
-    return _Scene(objects=tuple({"scene": file.parent.name, **_row(thing, library)} for thing in things))
-
-
-def _row(thing: SceneObject, library: Library) -> dict[str, Any]:
-    measured = thing.upright or upright_box_from_aabb(thing.box)
-    off = deviation_from_measured_box(thing.asset, (thing.position, thing.orientation), library, measured)
-    certain = is_match_certain(thing)
-    figures = {"object": thing.name, "asset": thing.asset, "centre": off.centre, "size": off.size}
-    return {
-        **figures,
-        "agrees": off.is_within_tolerance or certain,
-        "is_match_certain": certain and not off.is_within_tolerance,
-    }
+    rows: list[dict[str, Any]] = []
+    for thing in things:
+        measured = thing.upright or upright_box_from_aabb(thing.box)
+        off = deviation_from_measured_box(thing.asset, (thing.position, thing.orientation), library, measured)
+        certain = is_match_certain(thing)
+        rows.append(
+            {
+                "scene": file.parent.name,
+                "object": thing.name,
+                "asset": thing.asset,
+                "centre": off.centre,
+                "size": off.size,
+                "agrees": off.is_within_tolerance or certain,
+                "is_match_certain": certain and not off.is_within_tolerance,
+            }
+        )
+    return _Scene(objects=tuple(rows))

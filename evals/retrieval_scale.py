@@ -47,4 +47,4 @@ def main(arguments: Sequence[str]) -> int:
     shown = terminal_table(f"{options.assets} synthetic assets", ("figure", "measured", "target"), rows)
     sizes = {"assets": options.assets, "data": "synthetic", "figures": index.figures}
     experiment.tell(rows, shown, **sizes, targets=metrics_to_dicts(bounds))
-    return 0 if all(one.is_target_met for one in bounds) else 1
+    return 0 if all(bound.is_target_met for bound in bounds) else 1

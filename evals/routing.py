@@ -54,7 +54,7 @@ class RoutedFault(Frozen):
 
     @property
     def mark(self) -> str:
-        """Whether it was routed rightly, in a word."""
+        """Routing result in a word: harmless, right or WRONG."""
         return "harmless" if not self.verdict else "right" if self.verdict == self.truth else "WRONG"
 
     def __str__(self) -> str:
@@ -96,52 +96,47 @@ class FaultRuns:
     def route(self, fault: PlantedFault) -> RoutedFault:
         """Run the programs of a fault; route where they fail, and fix."""
         if self._opened is None:
-            services = self._open_services()
+            folder = Path(self._kept_open.enter_context(tempfile.TemporaryDirectory()))
+            sandbox = self._kept_open.enter_context(open_sandbox(self._config))
+            log = self._kept_open.enter_context(EventLog(folder / "events.jsonl"))
+            agents = Agents(config=self._config, log=log, folder=folder)
+            services = Services(self._config, log, agents, load_policy(self._config.policy), sandbox, folder)
             scene = str(content.content_path("assets", "scenes") / SCENE)
             begin: dict[str, Any] = {"scene_path": scene, "max_fixes": self._fixes, "fixes": 0, "history": []}
             graph = content.load_module("graphs", "scene").build().compile()
             self._opened = services, graph.invoke(begin, context=services)
         services, state = self._opened
-        return _route_fault(fault, state, services)
-
-    def _open_services(self) -> Services:
-        folder = Path(self._kept_open.enter_context(tempfile.TemporaryDirectory()))
-        sandbox = self._kept_open.enter_context(open_sandbox(self._config))
-        log = self._kept_open.enter_context(EventLog(folder / "events.jsonl"))
-        agents = Agents(config=self._config, log=log, folder=folder)
-        return Services(self._config, log, agents, load_policy(self._config.policy), sandbox, folder)
-
-
-def _fix_graph() -> Any:
-    graph = empty_graph()
-    graph.add_edge(START, "run_tests")
-    add_judging(graph, fix=add_fix_loop(graph, then="audit"))
-    return graph.compile()
-
-
-def _route_fault(fault: PlantedFault, scene: dict[str, Any], services: Services) -> RoutedFault:
-    policy = _BothOrders(services.policy)
-    services = replace(services, policy=policy)
-    versions = {"simulation_version": 1, "tests_version": 1}
-    begin: dict[str, Any] = {"task": fault.task, "simulation": fault.simulation, "tests": fault.tests, **versions}
-    end = _fix_graph().invoke({**scene, **begin}, {"recursion_limit": 1000}, context=services)
-    accepted = end["status"] == "accepted"
-    first, reverse = policy.first, policy.reverse
-    return RoutedFault(
-        name=fault.name,
-        kind=fault.kind,
-        truth=fault.truth,
-        right_tests=fault.right_tests,
-        verdict=first.verdict if first else "",
-        other_order=reverse.verdict if reverse else "",
-        cause=first.cause if first else "",
-        sure=first is not None and first.sure,
-        explanation=first.explanation if first else "tests and audit pass",
-        fixes=end.get("fixes", 0),
-        accepted=accepted,
-        reason=end["reason"],
-        wrong=_find_what_is_wrong(fault, end, services) if accepted else "",
-    )
+        policy = _BothOrders(services.policy)
+        services = replace(services, policy=policy)
+        versions = {"simulation_version": 1, "tests_version": 1}
+        programs: dict[str, Any] = {
+            "task": fault.task,
+            "simulation": fault.simulation,
+            "tests": fault.tests,
+            **versions,
+        }
+        judging = empty_graph()
+        judging.add_edge(START, "run_tests")
+        add_judging(judging, fix=add_fix_loop(judging, then="audit"))
+        compiled: Any = judging.compile()
+        end = compiled.invoke({**state, **programs}, {"recursion_limit": 1000}, context=services)
+        accepted = end["status"] == "accepted"
+        first, reverse = policy.first, policy.reverse
+        return RoutedFault(
+            name=fault.name,
+            kind=fault.kind,
+            truth=fault.truth,
+            right_tests=fault.right_tests,
+            verdict=first.verdict if first else "",
+            other_order=reverse.verdict if reverse else "",
+            cause=first.cause if first else "",
+            sure=first is not None and first.sure,
+            explanation=first.explanation if first else "tests and audit pass",
+            fixes=end.get("fixes", 0),
+            accepted=accepted,
+            reason=end["reason"],
+            wrong=_describe_wrong_program(fault, end, services) if accepted else "",
+        )
 
 
 _IN_BASE_ORDER = """
@@ -161,7 +156,7 @@ if "Environment" in globals():
 """Added to tests of the right pair: they name objects by the order of its program, and an author may choose another."""
 
 
-def _find_what_is_wrong(fault: PlantedFault, end: dict[str, Any], services: Services) -> str:
+def _describe_wrong_program(fault: PlantedFault, end: dict[str, Any], services: Services) -> str:
     """Failures of the right pair's tests on an accepted program.
 
     Another class name and another order of objects do not count.
@@ -177,7 +172,7 @@ def _find_what_is_wrong(fault: PlantedFault, end: dict[str, Any], services: Serv
 
 
 def summarise_routing(rows: Sequence[RoutedFault]) -> dict[str, str]:
-    """How the faults were routed, whether the runs recovered from them, and how often both orders agree."""
+    """Shares of right routings, of recoveries, and of equal verdicts in both orders."""
     shown = [row for row in rows if row.verdict]
     sure = [row for row in shown if row.sure]
     by_truth = {truth: [row for row in shown if row.truth == truth] for truth in ("fix_code", "fix_test")}
@@ -223,7 +218,13 @@ def main(arguments: Sequence[str]) -> int:
     Raises:
         InputError: no fault was routed, because there is none or none does harm.
     """
-    parser = _make_parser()
+    parser = ExperimentParser("routing", __doc__)
+    parser.add_argument("folder", type=Path, nargs="?", help="faults in folders; without one, mistakes are made")
+    parser.add_argument("--half", type=int, choices=(0, 1), default=1, help="which half of the made mistakes (1)")
+    parser.add_argument("--seed", type=int, default=0, help="of the made mistakes")
+    parser.add_argument("--policy", default="rules")
+    parser.add_argument("--fixes", type=positive_int, default=3, metavar="N", help="at most for each fault (3)")
+    parser.add_argument("--only", default="", help="a regular expression that names of faults match")
     experiment = parser.start(arguments, lambda options: (f"policy={options.policy}", "limits.cpu_seconds=10"))
     options = experiment.options
     planted = read_fault_folders(options.folder) if options.folder else plant_mistakes(options.half, options.seed)
@@ -241,14 +242,3 @@ def main(arguments: Sequence[str]) -> int:
     shown = [row.mark for row in rows if row.verdict]
     wrong = sum(bool(row.wrong) for row in rows)
     return 0 if shown.count("right") >= TARGET * len(shown) and wrong <= MOST_WRONG * len(rows) else 1
-
-
-def _make_parser() -> ExperimentParser:
-    parser = ExperimentParser("routing", __doc__)
-    parser.add_argument("folder", type=Path, nargs="?", help="faults in folders; without one, mistakes are made")
-    parser.add_argument("--half", type=int, choices=(0, 1), default=1, help="which half of the made mistakes (1)")
-    parser.add_argument("--seed", type=int, default=0, help="of the made mistakes")
-    parser.add_argument("--policy", default="rules")
-    parser.add_argument("--fixes", type=positive_int, default=3, metavar="N", help="at most for each fault (3)")
-    parser.add_argument("--only", default="", help="a regular expression that names of faults match")
-    return parser

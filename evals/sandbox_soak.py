@@ -89,7 +89,7 @@ class Figures(Frozen):
 
     @property
     def clean(self) -> bool:
-        """Whether nothing was left, and every call ended as it should."""
+        """True if nothing was left, and every call ended as expected."""
         left = self.descriptors or self.processes or self.scratch
         return not (self.unexpected or self.rewards_differ or left or self.memory_mib > 10)
 
@@ -102,12 +102,12 @@ def soak(calls: int, seed: int, config: Config) -> Figures:
     results: dict[int, set[str]] = {}
     started, kills, memory = time.monotonic(), 0, 0.0
     with tempfile.TemporaryDirectory(prefix="grs-soak-") as name:
-        overlay, own = Path(name) / "content", Path(name) / "temporary"
+        overlay, temporary = Path(name) / "content", Path(name) / "temporary"
         (overlay / "tools").mkdir(parents=True)
         (overlay / "tools" / "soak.py").write_text(TOOL, "utf-8")
         content.add_overlay_folder(overlay)
-        own.mkdir()
-        tempfile.tempdir = str(own)  # other runs on this machine have scratch folders too
+        temporary.mkdir()
+        tempfile.tempdir = str(temporary)  # other runs on this machine have scratch folders too
         before = _held()
         with open_sandbox(config) as sandbox, show_progress("calls", calls) as advance:
             for number in range(calls):
@@ -128,7 +128,7 @@ def soak(calls: int, seed: int, config: Config) -> Figures:
         outcomes=dict(outcomes),
         unexpected=tuple(unexpected),
         kills=kills,
-        rewards_differ=tuple(seed for seed, found in results.items() if len(found) > 1),
+        rewards_differ=tuple(seed for seed, values in results.items() if len(values) > 1),
         descriptors=after[0] - before[0],
         processes=after[1] - before[1],
         scratch=after[2] - before[2],

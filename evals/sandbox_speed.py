@@ -130,7 +130,7 @@ def start_seconds(config: Config) -> float:
 
 
 def run_tests(sandbox: Sandbox) -> None:
-    """The warm call that all is about."""
+    """The warm call."""
     tool = load_tool("run_tests")
     context = ToolContext(sandbox=sandbox, library=Library(), limits=Limits())
     report = tool.run(tool.Request(simulation=SIMULATION, tests=TESTS), context).report
@@ -148,7 +148,7 @@ def worker_mib(config: Config) -> float:
 
 
 def measure_calls(folder: Path, repeats: int) -> list[Figure]:
-    """The same tests cold, in this process's like, and in a warm sandbox."""
+    """The same tests cold, in a process with its imports done, and in a warm sandbox."""
     rounds = [(cold(folder), in_process(folder), per_call(run_tests, 5)) for _ in range(repeats)]
     ratios = [(warm - plain) / (whole - plain) for whole, plain, warm in rounds]
     whole, plain, warm = (1000 * statistics.median(column) for column in zip(*rounds, strict=True))
@@ -161,7 +161,7 @@ def measure_calls(folder: Path, repeats: int) -> list[Figure]:
 
 
 def measurements(folder: Path, config: Config, repeats: int) -> dict[str, Callable[[], Sequence[Figure]]]:
-    """Every figure, each the median of ``repeats``."""
+    """All figures, medians of ``repeats`` measurements."""
 
     def measure_empty_call() -> list[Figure]:
         empty = statistics.median(

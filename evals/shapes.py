@@ -1,15 +1,15 @@
-"""How good reconstructed shapes are: of known assets, photographed alone with a sensor's noise, and of real scenes."""
+"""Errors of reconstructed shapes: known assets, photographed alone with a sensor's noise, and real scenes."""
 
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
+from evals.benchmark.ground_truth import scene_folders
 from evals.benchmark.shape_runs import (
     ShapeFigures,
     Shapes,
     measure_known,
     measure_real,
-    scene_folders,
     shape_targets,
     write_sheets,
 )
@@ -42,11 +42,11 @@ def main(arguments: Sequence[str]) -> int:
         "real": {str(folder): partial(measure_real, folder, pictures) for folder in folders},
     }
     rows = experiment.make_or_reuse_rows(Shapes, work["known"] | work["real"], choosing=("known", "scenes"))
-    found = {
-        name: _gather_figures(some, options.out, name)
-        for name, some in (("known", rows[: options.known]), ("real", rows[options.known :]))
-    }
-    targets = shape_targets(found["known"], found["real"])
+    figures: dict[str, list[ShapeFigures]] = {}
+    for name, group in (("known", rows[: options.known]), ("real", rows[options.known :])):
+        write_sheets(options.out, name, [pictures / file for row in group for file in row.pictures])
+        figures[name] = [item for row in group for item in row.figures]
+    targets = shape_targets(figures["known"], figures["real"])
     table = [
         {"figure": row["figure"], "measured": _text(row["value"]), "target": _text(row["target"])} for row in targets
     ]
@@ -56,15 +56,9 @@ def main(arguments: Sequence[str]) -> int:
         terminal_table("shapes", ("figure", "measured", "target"), table),
         f"missed: {', '.join(missed) or 'none'}",
         targets=targets,
-        **{name: [one.model_dump() for one in some] for name, some in found.items()},
+        **{name: [item.model_dump() for item in some] for name, some in figures.items()},
     )
     return 1 if missed else 0
-
-
-def _gather_figures(rows: Sequence[Shapes], out: Path, name: str) -> list[ShapeFigures]:
-    """All figures of the rows, whose pictures become the sheets of this name."""
-    write_sheets(out, name, [out / "pictures" / file for row in rows for file in row.pictures])
-    return [one for row in rows for one in row.figures]
 
 
 def _text(value: float | None) -> str:

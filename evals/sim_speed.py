@@ -130,8 +130,8 @@ def measure_scores(path: Path, library: Library, seeds: int) -> list[Figure]:
         np.random.seed(seed)
         done.append(rollout(instantiate(load(path)(), seed, library), library))
     means = {
-        "published": statistics.mean(one.reward for one in done),
-        "strict": statistics.mean(one.strict_score for one in done),
+        "published": statistics.mean(result.reward for result in done),
+        "strict": statistics.mean(result.strict_score for result in done),
     }
     return [Figure(name=f"{path.stem}, {kind}", value=mean, smaller_is_better=False) for kind, mean in means.items()]
 
@@ -204,7 +204,7 @@ def main(arguments: Sequence[str]) -> int:
     )
     figures = measured[: len(measured) - 2 * len(programs)]
     scores = measured[len(figures) :]
-    for kind, found, target in (("published", scores[::2], 0.98), ("strict", scores[1::2], 0.95)) if programs else ():
-        value = statistics.mean(score.value or 0.0 for score in found)
+    for kind, group, target in (("published", scores[::2], 0.98), ("strict", scores[1::2], 0.95)) if programs else ():
+        value = statistics.mean(score.value or 0.0 for score in group)
         figures.append(Figure(name=f"oracle, mean {kind} score", value=value, target=target, smaller_is_better=False))
     return experiment.tell_figures("simulation", figures, programs={score.name: score.value for score in scores})

@@ -60,7 +60,7 @@ class Cost(Frozen):
 
     @property
     def kept(self) -> bool:
-        """Whether both bounds are kept."""
+        """True if both bounds are kept."""
         return self.mib <= LARGEST_MIB and self.share <= LARGEST_SHARE
 
 
@@ -69,7 +69,7 @@ class Clumsy(BaseChatModel):
 
     inner: BaseChatModel
     faults: int
-    made: int = 0
+    spoilt: int = 0
     good: str = ""
 
     @property
@@ -85,9 +85,11 @@ class Clumsy(BaseChatModel):
     ) -> ChatResult:
         reply = self.inner.invoke(messages)
         self.good = text = self.good or str(reply.text)
-        if self.made < self.faults:
-            self.made += 1
-            text = re.sub(r"self\.max_steps = \d+", f"self.max_steps = {1 + self.made % 2}  # try {self.made}", text)
+        if self.spoilt < self.faults:
+            self.spoilt += 1
+            text = re.sub(
+                r"self\.max_steps = \d+", f"self.max_steps = {1 + self.spoilt % 2}  # try {self.spoilt}", text
+            )
         message = AIMessage(text, response_metadata=reply.response_metadata)
         message.usage_metadata = reply.usage_metadata
         return ChatResult(generations=[ChatGeneration(message=message)])
@@ -114,7 +116,7 @@ class TimedLog(EventLog):
     seconds = 0.0
 
     def append(self, event: Event) -> Event:
-        """As ever, on the clock."""
+        """Append and add the CPU time."""
         begin = time.thread_time()
         try:
             return super().append(event)
@@ -124,7 +126,7 @@ class TimedLog(EventLog):
 
 @contextmanager
 def _timed_rows() -> Generator[list[float]]:
-    """The CPU time of each sending of rows, which threads of their own do."""
+    """CPU times of sending rows, in threads."""
     from grs_agents.views.rerun.recording import RowBatcher
 
     spent: list[float] = []
@@ -139,15 +141,6 @@ def _timed_rows() -> Generator[list[float]]:
 
     with mock.patch.object(RowBatcher, "send_pending_rows", timed):
         yield spent
-
-
-def _native_seconds() -> float:
-    """CPU time of rerun's own threads so far; 0 if the kernel does not report it."""
-    nanoseconds = 0
-    for task in Path("/proc/self/task").glob("[0-9]*"):
-        if (task / "comm").read_text().startswith(("ChunkBatcher", "RecordingStream", "file_writer", "tokio")):
-            nanoseconds += int((task / "schedstat").read_text().split()[0])
-    return nanoseconds / 1e9
 
 
 def measure(scene: Path, folder: Path, fixes: int, config: Config) -> Cost:
@@ -172,7 +165,11 @@ def measure(scene: Path, folder: Path, fixes: int, config: Config) -> Cost:
             state: dict[str, Any] = {"scene_path": str(scene), "max_fixes": fixes + 1, "fixes": 0, "history": []}
             ended = graph.invoke(state, {"recursion_limit": 25 + 4 * fixes}, context=services)
             log.append(RunEnded(status=str(ended["status"]), reason=str(ended.get("reason", ""))))
-        spent = log.seconds + sum(sending) + _native_seconds()
+        nanoseconds = 0
+        for task in Path("/proc/self/task").glob("[0-9]*"):
+            if (task / "comm").read_text().startswith(("ChunkBatcher", "RecordingStream", "file_writer", "tokio")):
+                nanoseconds += int((task / "schedstat").read_text().split()[0])
+        spent = log.seconds + sum(sending) + (nanoseconds / 1e9)
         last = time.process_time()
         view.finish()
         spent += time.process_time() - last

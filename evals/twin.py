@@ -39,7 +39,14 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--workers", type=positive_int, default=2, help="scenes at a time")
     experiment = parser.start(arguments)
     out = experiment.options.out
-    orders = _orders(experiment.options.scenes, experiment.settings)
+    overlays = tuple(str(root) for root in content.content_search_roots()[:-1])
+    sources = [source for scene in experiment.options.scenes for source in _scenes_in(Path(scene))]
+    for source in sources:
+        check_scene_source(source)
+    orders = [
+        Order(name=name, source=str(source), tool="", settings=experiment.settings, content=overlays)
+        for name, source in zip(unique_names(sources), sources, strict=True)
+    ]
 
     def comprehend(order: Order) -> _Twin:
         done = run_worker("perception_worker", ("comprehend", str(out)), order.model_dump_json())
@@ -51,17 +58,6 @@ def main(arguments: Sequence[str]) -> int:
     table = [{"scene": order.name, "error": twin.error} for order, twin in zip(orders, twins, strict=True)]
     experiment.tell(table, f"{', '.join(pages)} are in {out}", pages=pages)
     return 1 if any(twin.error for twin in twins) else 0
-
-
-def _orders(scenes: Sequence[str], settings: tuple[str, ...]) -> list[Order]:
-    overlays = tuple(str(root) for root in content.content_search_roots()[:-1])
-    sources = [source for scene in scenes for source in _scenes_in(Path(scene))]
-    for source in sources:
-        check_scene_source(source)
-    return [
-        Order(name=name, source=str(source), tool="", settings=settings, content=overlays)
-        for name, source in zip(unique_names(sources), sources, strict=True)
-    ]
 
 
 def _scenes_in(scene: Path) -> list[Path]:
@@ -77,6 +73,6 @@ def _row(out: Path, order: Order, error: str) -> Picture:
         return captioned_row(f"{order.name}   {error}", [photo, *[np.full_like(photo, 255)] * 2])
     scene = read_scene_description(run / "scene.json")
     shapes = sum(not item.matched for item in scene.objects)
-    told = "" if scene.coverage is None else f"   coverage {scene.coverage.share:.2f}"
-    words = f"{order.name}   {len(scene.objects)} objects, {shapes} of them without an asset{told}   {_MARK}"
+    coverage = "" if scene.coverage is None else f"   coverage {scene.coverage.share:.2f}"
+    words = f"{order.name}   {len(scene.objects)} objects, {shapes} of them without an asset{coverage}   {_MARK}"
     return captioned_row(words, [photo, *twins])

@@ -34,22 +34,22 @@ def make(run: Path, folder: Path, episodes: int) -> None:
     task, order = open_task_folder(run), DemoOrder(episodes=episodes, cameras=CAMERAS)
     folder.mkdir(parents=True)
     for kind in FORMATS:
-        made = make_demonstrations(task, order, folder / "unfinished", lambda _: None)
+        store = make_demonstrations(task, order, folder / "unfinished", lambda _: None)
         expected: dict[str, Any] = {}
-        for number, one in enumerate(made.demonstrations()):
+        for number, demonstration in enumerate(store.demonstrations()):
             if number not in (0, episodes // 2, episodes - 1):
                 continue
-            for step in (0, one.steps // 2, one.steps - 1):
+            for step in (0, demonstration.steps // 2, demonstration.steps - 1):
                 key = f"{number}/{step}"
-                expected |= {f"{key}/images/{name}": images[step] for name, images in one.images.items()}
+                expected |= {f"{key}/images/{name}": images[step] for name, images in demonstration.images.items()}
                 expected |= {
-                    f"{key}/joint_positions": one.joint_positions[step],
-                    f"{key}/objects": one.objects[step],
-                    f"{key}/actions": one.actions[step],
-                    f"{key}/rewards": one.rewards[step],
+                    f"{key}/joint_positions": demonstration.joint_positions[step],
+                    f"{key}/objects": demonstration.objects[step],
+                    f"{key}/actions": demonstration.actions[step],
+                    f"{key}/rewards": demonstration.rewards[step],
                 }
         np.savez(folder / "expected.npz", **expected)
-        print(write_dataset(made, kind, folder / kind, task).opens_with)
+        print(write_dataset(store, kind, folder / kind, task).opens_with)
 
 
 def read_lerobot(folder: Path) -> Callable[[int, int], Frame]:
@@ -92,8 +92,8 @@ def read_robomimic(folder: Path) -> Callable[[int, int], Frame]:
     low, rgb = ["robot0_joint_pos", "object", "suction"], [f"{name}_image" for name in CAMERAS]
     observations.initialize_obs_utils_with_obs_specs({"obs": {"low_dim": low, "rgb": rgb}})
     print("robomimic:", files.get_env_metadata_from_dataset(path)["env_name"])
-    told = {"obs_keys": (*low, *rgb), "dataset_keys": ("actions", "rewards", "dones"), "hdf5_cache_mode": None}
-    data: Any = dataset.SequenceDataset(path, seq_length=1, frame_stack=1, load_next_obs=True, **told)
+    keys = {"obs_keys": (*low, *rgb), "dataset_keys": ("actions", "rewards", "dones"), "hdf5_cache_mode": None}
+    data: Any = dataset.SequenceDataset(path, seq_length=1, frame_stack=1, load_next_obs=True, **keys)
     begins: dict[str, int] = {name: int(data._demo_id_to_start_indices[name]) for name in data.demos}
 
     def read(episode: int, step: int) -> Frame:
@@ -142,14 +142,14 @@ READERS: dict[str, tuple[Callable[[Path], Callable[[int, int], Frame]], float]] 
 
 
 def check(loader: str, folder: Path) -> bool:
-    """Whether the loader reproduces the observations; prints the deviation."""
+    """True if the loader reproduces the observations; prints the deviation."""
     reader, lossy = READERS[loader]
     read, expected = reader(folder), np.load(folder / "expected.npz")
     worst: dict[str, float] = {}
     for key in expected.files:
         episode, step, name = key.split("/", 2)
-        found = np.asarray(read(int(episode), int(step))[name], dtype=np.float64)
-        off = np.abs(found - expected[key])
+        loaded = np.asarray(read(int(episode), int(step))[name], dtype=np.float64)
+        off = np.abs(loaded - expected[key])
         kind = "pictures" if name.startswith("images/") else "numbers"
         worst[kind] = max(worst.get(kind, 0.0), float(off.mean() if kind == "pictures" else off.max()))
     right = worst["numbers"] <= NUMBERS and worst["pictures"] <= lossy

@@ -146,8 +146,8 @@ def main() -> None:
 
     with tempfile.TemporaryDirectory(prefix="grs-portable-") as name:
         folder = Path(name)
-        made = export_mjcf(open_task_folder(write_example(folder / "task")), folder / "made", portable=True)
-        scene = made.folder.rename(folder / "moved") / made.scene.name
+        exported = export_mjcf(open_task_folder(write_example(folder / "task")), folder / "made", portable=True)
+        scene = exported.folder.rename(folder / "moved") / exported.scene.name
         commands, positions = plan_commands(scene)
         np.savez(folder / "plan.npz", commands=commands, positions=positions)
         venv.create(folder / "venv")

@@ -28,57 +28,50 @@ _PART = re.compile(r"<!-- (?P<name>\w+): begin -->\n.*?<!-- (?P=name): end -->",
 
 def keep(name: str, file: Path) -> None:
     """Copy the parts of a result that the page needs into ``evals/results``."""
-    found = json.loads(file.read_text(encoding="utf-8"))
-    if "experiment" in found:
-        command = _tell_command(("eval", found["experiment"]), found["arguments"])
-        kept = {key: found[key] for key in ("date", "grs-agents", "seeds", "table")}
+    result = json.loads(file.read_text(encoding="utf-8"))
+    if "experiment" in result:
+        command = _tell_command(("eval", result["experiment"]), result["arguments"])
+        kept = {key: result[key] for key in ("date", "grs-agents", "seeds", "table")}
     else:
-        made = json.loads((file.parent / "batch.json").read_text(encoding="utf-8"))
-        command = _tell_command(("batch",), list(dict.fromkeys(row["scene"] for row in found["rows"])))
+        batch = json.loads((file.parent / "batch.json").read_text(encoding="utf-8"))
+        command = _tell_command(("batch",), list(dict.fromkeys(row["scene"] for row in result["rows"])))
         day = date.fromtimestamp(file.stat().st_mtime).isoformat()
+        rows = result["rows"]
+        scenes = len({row["scene"] for row in rows})
+        verdicts = [row for row in rows if row["status"] in ("accepted", "rejected")]
+        fixed = sum(row["code_fixes"] + row["test_fixes"] + row["task_fixes"] > 0 for row in verdicts)
         kept = {
             "date": day,
-            "grs-agents": made["grs-agents"],
-            "seeds": {"seed": made["seed"]},
-            "table": [_batch(found)],
+            "grs-agents": batch["grs-agents"],
+            "seeds": {"seed": batch["seed"]},
+            "table": [
+                {
+                    "scenes": scenes,
+                    "runs": len(rows),
+                    "verdicts": len(verdicts),
+                    "accepted": result["summary"]["accepted"],
+                    "needed a fix": fixed,
+                    "different tasks": result["summary"]["different_tasks"],
+                    "families": len(result["summary"]["families"]),
+                    "mean distance": result["summary"]["mean_distance"],
+                    "median seconds": round(statistics.median(row["seconds"] for row in verdicts), 1),
+                }
+            ],
         }
     write_json(RESULTS / f"{name}.json", {"command": command, **kept})
 
 
 def _tell_command(words: Sequence[str], arguments: Sequence[str]) -> str:
     """A command line without options that change no figure; files by name only, and scenes of a common folder by it."""
-    told: list[str] = []
+    parts: list[str] = []
     skip = 0
     for word in arguments:
         skip = _UNTOLD[word] + 1 if word in _UNTOLD else skip
         if not skip:
-            told.append(_shorten(word, len(arguments)))
+            path = Path(word)
+            parts.append(word if not path.is_absolute() else path.parent.name if len(arguments) > _FEW else path.name)
         skip = max(0, skip - 1)
-    return " ".join(("grs", *words, *dict.fromkeys(told)))
-
-
-def _shorten(word: str, arguments: int) -> str:
-    """A path by its last name; many paths by that of their folder."""
-    path = Path(word)
-    return word if not path.is_absolute() else path.parent.name if arguments > _FEW else path.name
-
-
-def _batch(found: dict[str, Any]) -> dict[str, Any]:
-    rows = found["rows"]
-    scenes = len({row["scene"] for row in rows})
-    verdicts = [row for row in rows if row["status"] in ("accepted", "rejected")]
-    fixed = sum(row["code_fixes"] + row["test_fixes"] + row["task_fixes"] > 0 for row in verdicts)
-    return {
-        "scenes": scenes,
-        "runs": len(rows),
-        "verdicts": len(verdicts),
-        "accepted": found["summary"]["accepted"],
-        "needed a fix": fixed,
-        "different tasks": found["summary"]["different_tasks"],
-        "families": len(found["summary"]["families"]),
-        "mean distance": found["summary"]["mean_distance"],
-        "median seconds": round(statistics.median(row["seconds"] for row in verdicts), 1),
-    }
+    return " ".join(("grs", *words, *dict.fromkeys(parts)))
 
 
 def render_page(page: str) -> str:

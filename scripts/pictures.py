@@ -29,7 +29,7 @@ SIZE = "1600x900"
 MENU = 36
 """Pixels of the viewer's own bar, whose warnings are about the machine that the pictures are made on."""
 FIXES = 10
-"""How often the model of the second run must be told."""
+"""Number of corrections to the model of the second run."""
 PATIENCE = 90.0
 
 

@@ -93,12 +93,12 @@ def main() -> None:
     table["docstrings"] = rates([text for texts in groups.values() for text in texts])
     table["docs"] = rates(list(pages().values()))
     print(f"{'per 1,000 words':16}" + "".join(f"{word:>9}" for word in (*WORDS, "words")))
-    for name, (found, total) in table.items():
-        print(f"{name:16}" + "".join(f"{found[word]:9.1f}" for word in WORDS) + f"{total:9d}")
+    for name, (counts, total) in table.items():
+        print(f"{name:16}" + "".join(f"{counts[word]:9.1f}" for word in WORDS) + f"{total:9d}")
     for name in ("docstrings", "docs"):
-        found, _ = table[name]
+        counts, _ = table[name]
         for word, bound in BOUNDS.items():
-            rate = found[word] + (found["ones"] if word == "one" else 0)
+            rate = counts[word] + (counts["ones"] if word == "one" else 0)
             print(f"{name}: {word} {rate:.1f} of at most {bound:g}{'' if rate <= bound else ': missed'}")
 
 

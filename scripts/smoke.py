@@ -57,7 +57,7 @@ def find_dependencies(wheel: Path) -> list[Distribution]:
     (info,) = (part for part in zipfile.Path(wheel).iterdir() if part.name.endswith(".dist-info"))
     waiting: list[tuple[Distribution, tuple[str, ...]]] = [(PathDistribution(info), ())]
     seen: set[tuple[str, tuple[str, ...]]] = set()
-    found: dict[str, Distribution] = {}
+    dependencies: dict[str, Distribution] = {}
     while waiting:
         owner, extras = waiting.pop()
         for need in map(Requirement, owner.requires or ()):
@@ -66,9 +66,9 @@ def find_dependencies(wheel: Path) -> list[Distribution]:
             key = (canonicalize_name(need.name), tuple(sorted(need.extras)))
             if key not in seen:
                 seen.add(key)
-                found[key[0]] = distribution(need.name)
-                waiting.append((found[key[0]], key[1]))
-    return list(found.values())
+                dependencies[key[0]] = distribution(need.name)
+                waiting.append((dependencies[key[0]], key[1]))
+    return list(dependencies.values())
 
 
 def link(dependencies: Iterable[Distribution], packages: Path) -> None:
@@ -79,11 +79,11 @@ def link(dependencies: Iterable[Distribution], packages: Path) -> None:
                 continue
             source = Path(str(file.locate()))
             cached = Path(cache_from_source(str(source))) if file.suffix == ".py" else source
-            for made in {source, cached}:
-                target = packages / file.parent / made.relative_to(source.parent)
-                if made.exists() and not target.exists():
+            for path in {source, cached}:
+                target = packages / file.parent / path.relative_to(source.parent)
+                if path.exists() and not target.exists():
                     target.parent.mkdir(parents=True, exist_ok=True)
-                    link_or_copy(made, target)
+                    link_or_copy(path, target)
 
 
 def link_or_copy(source: Path, target: Path) -> None:

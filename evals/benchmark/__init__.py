@@ -1,1 +1,1 @@
-"""Perception measured against scenes of which the truth is known."""
+"""Measurements of perception against ground truth."""

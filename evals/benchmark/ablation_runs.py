@@ -1,14 +1,19 @@
-"""The runs of the ablation, and a trusted rollout of every program that they end with."""
+"""The ablation: runs, a trusted rollout of each final program, and the table of rewards with tests."""
 
 import json
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
+from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
+
+import numpy as np
 
 from evals.benchmark.perception_runs import unique_names
+from evals.benchmark.rank_tests import kruskal_wallis, mann_whitney
 from evals.synthesis import Recipe, synthesise
 from grs_agents.base import Frozen
 from grs_agents.base.errors import GrsError
@@ -20,8 +25,9 @@ from grs_agents.library.library import Library
 from grs_agents.perception.reading.scene_source import short_scene_name
 from grs_agents.runs.batch.jobs import run_jobs
 from grs_agents.runs.batch.row import make_batch_row
-from grs_agents.runs.batch.run_process import RunEnd, RunJob
+from grs_agents.runs.batch.run_process import RunJob
 from grs_agents.runs.experiment_run import Experiment
+from grs_agents.runs.experiments import markdown_table, terminal_table
 
 _REMEDY = "name another --out"
 
@@ -56,13 +62,13 @@ class Measured(Frozen):
 
 def make_scenes(wanted: Sequence[Recipe], folder: Path) -> list[Path]:
     """Synthesise the scenes that are not there yet."""
-    made: list[Path] = []
+    scenes: list[Path] = []
     for number, recipe in enumerate(wanted):
         scene = folder / f"made-{number}"
         if not (scene / "truth.json").is_file():
             synthesise(recipe, Library()).write(scene)
-        made.append(scene)
-    return made
+        scenes.append(scene)
+    return scenes
 
 
 def make_runs(scenes: Sequence[str], graphs: Sequence[str], experiment: Experiment) -> list[Measured]:
@@ -94,11 +100,10 @@ def make_runs(scenes: Sequence[str], graphs: Sequence[str], experiment: Experime
 
 def _run(graph: str, job: RunJob, timeout: float) -> Measured:
     (end,) = run_jobs([job], timeout=timeout)
-    return _measure(graph, end)
-
-
-def _measure(graph: str, end: RunEnd) -> Measured:
-    row, folder = make_batch_row(end), end.job.folder
+    row, folder, hangs = make_batch_row(end), end.job.folder, 0
+    with suppress(GrsError):  # the run did not begin
+        events = read_events(folder / "events.jsonl")
+        hangs = sum(event.kind == "tests_run" and event.report.get("outcome") == "timeout" for event in events)
     rollouts = [rollout["episode"] for rollout in _read_rollouts(folder)]
     published, strict = ([float(episode[kind]) for episode in rollouts] for kind in ("reward", "strict"))
     return Measured(
@@ -112,39 +117,97 @@ def _measure(graph: str, end: RunEnd) -> Measured:
         code_fixes=row.code_fixes,
         test_fixes=row.test_fixes,
         task_fixes=row.task_fixes,
-        hangs=_count_hangs(folder),
+        hangs=hangs,
         tokens=row.input_tokens + row.output_tokens,
         cost=row.cost,
         seconds=row.seconds,
     )
 
 
-def _count_hangs(folder: Path) -> int:
-    try:
-        events = read_events(folder / "events.jsonl")
-    except GrsError:  # the run did not begin
-        return 0
-    return sum(event.kind == "tests_run" and event.report.get("outcome") == "timeout" for event in events)
-
-
 def _read_rollouts(folder: Path) -> list[dict[str, Any]]:
-    """Rollouts of the run's audit; without an audit, because its tests failed, those of a check of its program."""
+    """Rollouts of the run's audit; without an audit (failed tests), of `grs check` on its program."""
     audit = folder / "audit.json"
     if not audit.is_file():
         audit = folder.with_name(f"{folder.name}.check.json")
         if not audit.is_file() and (folder / "simulation.py").is_file():
-            _check(folder, audit)
+            command = [sys.executable, "-m", "grs_agents", "check", str(folder), "--json"]
+            done = subprocess.run(command, capture_output=True, text=True, check=False)
+            if done.returncode in (0, 1):
+                write_text(audit, json.dumps(json.loads(done.stdout)))
+            else:
+                print_escaped(f"{folder.name}: {done.stderr.strip()[-300:]}", error=True)
     if not audit.is_file():
         return []
-    found = read_json(audit, _REMEDY)
-    return list(found.get("audit", found).get("rollouts", []))
+    stored = read_json(audit, _REMEDY)
+    return list(stored.get("audit", stored).get("rollouts", []))
 
 
-def _check(folder: Path, out: Path) -> None:
-    """Write the result of ``grs check`` on the final program of a run."""
-    command = [sys.executable, "-m", "grs_agents", "check", str(folder), "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode not in (0, 1):
-        print_escaped(f"{folder.name}: {done.stderr.strip()[-300:]}", error=True)
-        return
-    write_text(out, json.dumps(json.loads(done.stdout)))
+PAPER: Final = {"llm_only": 0.47, "no_fix": 0.49, "no_router": 0.65, "grs": 0.71}
+"""Table 2 of the paper: rewards without runs that ended in a runtime error, with Claude and GPT-4o."""
+_SAMPLES: Final = 10_000
+COLUMNS: Final = (
+    "graph", "runs", "reward", "errors as 0", "strict", "paper", "accepted", "runtime errors",
+    "code fixes", "test fixes", "task fixes", "hangs", "tokens", "cost", "seconds",
+)  # fmt: skip
+_SHOWN: Final = ("graph", "runs", "errors as 0", "strict", "accepted", "runtime errors")
+"""The columns that a terminal is wide enough for; the files have all."""
+
+
+def tell_figures(measured: Sequence[Measured], experiment: Experiment) -> None:
+    """Write ``table2.md`` beside the results, and show the table with its tests."""
+    graphs = list(dict.fromkeys(run.graph for run in measured))
+    by_graph = {graph: [run for run in measured if run.graph == graph] for graph in graphs}
+    table = [_row(graph, runs) for graph, runs in by_graph.items()]
+    rewards = {graph: [run.published or 0.0 for run in runs] for graph, runs in by_graph.items()}
+    whole = kruskal_wallis(rewards, "graph")
+    pairs = sorted(
+        (mann_whitney(rewards[first], rewards[second]), f"{first} - {second}")
+        for first, second in combinations(rewards, 2)
+    )
+    tests = [{"test": "Kruskal-Wallis", "of": "graph", "p": "1" if whole is None else f"{whole.p:.3g}"}]
+    largest = 0.0
+    for number, (p, names) in enumerate(pairs):
+        largest = max(largest, min(1.0, p * (len(pairs) - number)))
+        tests.append({"test": "Mann-Whitney, Holm", "of": names, "p": f"{largest:.3g}"})
+    tables = (markdown_table(COLUMNS, table), markdown_table(list(tests[0]), tests))
+    write_text(experiment.options.out / "table2.md", "\n".join(tables))
+    experiment.tell(
+        table,
+        terminal_table("rewards of the trusted oracle (95 %)", _SHOWN, table),
+        *(" ".join(f"{key} {value}" for key, value in test.items()) for test in tests),
+        tests=tests,
+        runs=[run.model_dump(mode="json") for run in measured],
+    )
+
+
+def _row(graph: str, runs: Sequence[Measured]) -> dict[str, Any]:
+    published = [run.published for run in runs if run.published is not None]
+    strict = [run.strict for run in runs if run.strict is not None]
+    return {
+        "graph": graph,
+        "runs": len(runs),
+        "reward": _with_interval(published),
+        "errors as 0": _with_interval([run.published or 0.0 for run in runs]),
+        "strict": _with_interval(strict),
+        "paper": PAPER.get(graph, ""),
+        "accepted": f"{sum(run.status == 'accepted' for run in runs) / len(runs):.0%}",
+        "runtime errors": sum(run.published is None for run in runs),
+        **{name.replace("_", " "): _mean(runs, name) for name in ("code_fixes", "test_fixes", "task_fixes", "hangs")},
+        "tokens": round(sum(run.tokens for run in runs) / len(runs)),
+        "cost": _mean(runs, "cost"),
+        "seconds": _mean(runs, "seconds"),
+    }
+
+
+def _mean(runs: Sequence[Measured], field: str) -> float:
+    return round(sum(float(getattr(run, field)) for run in runs) / len(runs), 2)
+
+
+def _with_interval(values: Sequence[float]) -> str:
+    """The mean and its 95 % interval by the bootstrap's percentiles; the same values give the same interval."""
+    if not values:
+        return "-"
+    sample = np.asarray(values, np.float64)
+    drawn = np.random.default_rng(0).choice(sample, (_SAMPLES, len(sample))).mean(axis=1)
+    low, high = np.percentile(drawn, (2.5, 97.5))
+    return f"{sample.mean():.3f} ({low:.3f}, {high:.3f})"

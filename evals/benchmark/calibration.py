@@ -64,11 +64,15 @@ def name_assets(folder: Path, segment: str, context: ToolContext) -> list[NamedA
     table = find_table(frame, np.random.default_rng(0))
     tool, library = load_tool(segment), context.library
     try:
-        found: Sequence[Candidate] = tool.run(tool.Request(frame=frame, table=table), context).candidates
+        candidates: Sequence[Candidate] = tool.run(tool.Request(frame=frame, table=table), context).candidates
     except GrsError:
         return []
-    shown = _shown_by_truth(folder, found) if labelled else _shown_by_table(folder.name, frame, found)
-    segments = [Segment(one.id, one.mask, one.upright, Path(), one.points) for one in found]
+    shown = (
+        _true_assets_by_truth(folder, candidates) if labelled else _true_assets_by_eye(folder.name, frame, candidates)
+    )
+    segments = [
+        Segment(candidate.id, candidate.mask, candidate.upright, Path(), candidate.points) for candidate in candidates
+    ]
     request, half = MatchRequest(segments, frame, table, _unasked), sorted({*shown.values()} - {""})[::2]
     named = _name_best_assets(folder.name, request, library, shown)
     fewer = _name_best_assets(folder.name, request, _Fewer(library, half), shown) if labelled else ()
@@ -99,35 +103,35 @@ def _unasked(*_: object) -> MatchEvidence:
     raise AssertionError("no model is asked")
 
 
-def _shown_by_truth(folder: Path, found: Sequence[Candidate]) -> dict[int, str]:
+def _true_assets_by_truth(folder: Path, candidates: Sequence[Candidate]) -> dict[int, str]:
     """The true asset of each segment, by number; empty without an asset."""
     scene = read_labelled(folder)
-    assets = {one.id: one.asset for one in scene.truth.objects}
+    assets = {item.id: item.asset for item in scene.truth.objects}
     shown: dict[int, str] = {}
-    for one in found:
-        counts = np.bincount(scene.labels[one.mask])
+    for candidate in candidates:
+        counts = np.bincount(scene.labels[candidate.mask])
         label = int(counts.argmax())
-        shown[one.id] = assets.get(label, "") if counts[label] >= _OWN * counts.sum() else ""
+        shown[candidate.id] = assets.get(label, "") if counts[label] >= _OWN * counts.sum() else ""
     return shown
 
 
-def _shown_by_table(name: str, frame: RGBDFrame, found: Sequence[Candidate]) -> dict[int, str]:
+def _true_assets_by_eye(name: str, frame: RGBDFrame, candidates: Sequence[Candidate]) -> dict[int, str]:
     products: Mapping[str, Sequence[tuple[int, int, str]]] = json.loads(_PRODUCTS.read_text(encoding="utf-8"))
     if name not in products:
         raise InputError(f"nobody says what {name} shows", f"add a truth.json, or name it in {_PRODUCTS.name}")
-    shown = {one.id: "" for one in found}
+    shown = {candidate.id: "" for candidate in candidates}
     for column, row, asset in products[name]:
-        shown.update({one.id: asset for one in found if one.mask[row, column]})
+        shown.update({candidate.id: asset for candidate in candidates if candidate.mask[row, column]})
     return shown
 
 
 def calibration_figures(named: Sequence[NamedAsset], least: float) -> list[Figure]:
-    """The expected calibration error (Naeini et al. 2015), and how many of those named with confidence are wrong."""
+    """The expected calibration error (Naeini et al. 2015), and the share of wrong assets among confident matches."""
     sure, right = _columns(named)
     high, taken = sure >= 0.9, sure >= least
     return [
         Figure(name="segments", value=float(len(named))),
-        Figure(name="shown by the library", value=float(np.mean([one.known for one in named]))),
+        Figure(name="shown by the library", value=float(np.mean([asset.known for asset in named]))),
         Figure(name="calibration error", value=_calibration_error(sure, right), target=0.08),
         Figure(name="calibration error above 0.5", value=_calibration_error(sure[sure > 0.5], right[sure > 0.5])),
         Figure(name="above 0.9", value=float(high.sum())),
@@ -139,7 +143,7 @@ def calibration_figures(named: Sequence[NamedAsset], least: float) -> list[Figur
 
 
 def _columns(named: Sequence[NamedAsset]) -> "tuple[Array, np.ndarray[Any, np.dtype[np.bool_]]]":
-    return np.array([one.confidence for one in named]), np.array([one.right for one in named], np.bool_)
+    return np.array([asset.confidence for asset in named]), np.array([asset.right for asset in named], np.bool_)
 
 
 def _calibration_error(sure: Array, right: "np.ndarray[Any, np.dtype[np.bool_]]") -> float | None:
@@ -151,7 +155,7 @@ def _calibration_error(sure: Array, right: "np.ndarray[Any, np.dtype[np.bool_]]"
 
 
 def reliability(named: Sequence[NamedAsset]) -> list[dict[str, float]]:
-    """For each tenth of confidence that occurs: its mean, the share that is right, and how many there are."""
+    """Reliability by tenths of confidence: mean confidence, share of right matches, number of matches."""
     sure, right = _columns(named)
     bins = np.minimum((sure * _BINS).astype(np.int64), _BINS - 1)
     return [
@@ -167,7 +171,7 @@ def reliability(named: Sequence[NamedAsset]) -> list[dict[str, float]]:
 def fit_coefficients(named: Sequence[NamedAsset]) -> list[float]:
     """Constant and weights of a logistic regression of "it is right" on the inputs, by Newton's method, with a ridge
     of a single observation on each weight of the standardised inputs."""
-    inputs, right = np.array([one.inputs for one in named]), np.array([one.right for one in named], np.float64)
+    inputs, right = np.array([asset.inputs for asset in named]), np.array([asset.right for asset in named], np.float64)
     mean, spread = inputs.mean(axis=0), inputs.std(axis=0) + 1e-9
     design = np.column_stack([np.ones(len(inputs)), (inputs - mean) / spread])
     ridge, weights = np.eye(design.shape[1]), np.zeros(design.shape[1])
@@ -194,8 +198,8 @@ def write_reliability_diagram(file: Path, named: Sequence[NamedAsset]) -> None:
         write_words(picture, f"{share:.1f}", (8, place(0, share)[1] + 4), 0.4)
         write_words(picture, f"{share:.1f}", (place(share, 0)[0] - 10, side + edge + 20), 0.4)
     cv2.line(picture, place(0, 0), place(1, 1), (150, 150, 150), 1, cv2.LINE_AA)
-    for one in reliability(named):
-        radius = max(3, round(40 * (one["matches"] / len(named)) ** 0.5))
-        cv2.circle(picture, place(one["confidence"], one["right"]), radius, (66, 133, 244), -1, cv2.LINE_AA)
+    for row in reliability(named):
+        radius = max(3, round(40 * (row["matches"] / len(named)) ** 0.5))
+        cv2.circle(picture, place(row["confidence"], row["right"]), radius, (66, 133, 244), -1, cv2.LINE_AA)
     write_words(picture, "share that is right, by confidence", (edge, 25), 0.5)
     write_picture(file, picture)

@@ -45,31 +45,43 @@ def measured_row(out: Path, result: Result) -> Picture:
     and from aside."""
     scene = read_labelled(Path(result.order.source))
     file = result_file(out, result.order.name).with_suffix(".png")
-    found = np.asarray(cv2.imread(str(file), cv2.IMREAD_UNCHANGED), np.int32)
+    labels = np.asarray(cv2.imread(str(file), cv2.IMREAD_UNCHANGED), np.int32)
     photo = scene.frame.rgb.copy()
     for label in np.unique(scene.labels[scene.labels > 0]):
         columns, rows = mask_outline_pixels(scene.labels == label).T
         photo[rows, columns] = _GREY if int(label) in scene.ignored() else (255, 230, 0)
     segments = (scene.frame.rgb * 0.35).astype(np.uint8)
-    for label in np.unique(found[found > 0]):
+    for label in np.unique(labels[labels > 0]):
         color = np.array(_COLORS[int(label) % len(_COLORS)])
-        mask = found == label
+        mask = labels == label
         segments[mask] = (0.35 * scene.frame.rgb[mask] + 0.65 * color).astype(np.uint8)
     for number, corners in result.boxes.items():
         _draw_box(segments, np.array(corners), scene.frame.camera, _COLORS[number % len(_COLORS)])
     tiles = [photo, segments, *twin_pictures(run_folder(out, result.order.name))]
-    return captioned_row(_caption(result.figures), tiles)
+    score = result.figures.score
+    words = [
+        result.figures.name,
+        result.figures.sensor,
+        "" if result.figures.tilt is None else f"tilt {result.figures.tilt:.0f}",
+    ]
+    words += [f"{score.objects} objects, {score.segments} segments", f"F1 {score.f1[0]:.2f} / {score.f1[1]:.2f}"]
+    words += [f"IoU {score.mean_iou:.2f}", f"split {score.split}, merged {score.merged}"]
+    looks = [item.silhouette for item in result.figures.objects if item.silhouette is not None]
+    words += [f"silhouettes {np.median(looks):.2f}" if looks else "", result.figures.error]
+    return captioned_row("   ".join(word for word in words if word), tiles)
 
 
 def twin_pictures(run: Path) -> list[Picture]:
-    """The twin of a run seen from the photo's camera and from aside; none where the run failed."""
+    """The twin of a run seen from the photo's camera and from aside; empty for a failed run."""
     drawn = [cv2.imread(str(run / name)) for name in (TWIN, TWIN_ASIDE)]
     return [np.asarray(picture[:, :, ::-1], np.uint8) for picture in drawn if picture is not None]
 
 
 def captioned_row(words: str, tiles: Sequence[Picture]) -> Picture:
     """Pictures of a scene side by side, of equal width, below a caption."""
-    row = np.hstack([_fitted(tile) for tile in tiles])
+    sizes = [(_TILE, round(tile.shape[0] * _TILE / tile.shape[1])) for tile in tiles]
+    scaled = [cv2.resize(tile, size, interpolation=cv2.INTER_AREA) for tile, size in zip(tiles, sizes, strict=True)]
+    row = np.hstack(scaled)
     bar = write_words(np.full((24, row.shape[1], 3), 255, np.uint8), words, (6, 17))
     return np.asarray(np.vstack([bar, row]), np.uint8)
 
@@ -81,24 +93,8 @@ def _draw_box(picture: Picture, corners: npt.NDArray[np.float64], camera: Camera
     rows = corners[:, 1] / corners[:, 2] * camera.fy + camera.cy
     points = np.stack([columns, rows], axis=1).clip(-9999, 9999).astype(int)
     for start, end in _EDGES:
-        ends = [(int(points[one][0]), int(points[one][1])) for one in (start, end)]
+        ends = [(int(points[corner][0]), int(points[corner][1])) for corner in (start, end)]
         cv2.line(picture, ends[0], ends[1], color, max(1, camera.width // 500), cv2.LINE_AA)
-
-
-def _fitted(picture: Picture) -> Picture:
-    """The picture at the width of a tile."""
-    height = round(picture.shape[0] * _TILE / picture.shape[1])
-    return np.asarray(cv2.resize(picture, (_TILE, height), interpolation=cv2.INTER_AREA), np.uint8)
-
-
-def _caption(scene: SceneFigures) -> str:
-    score = scene.score
-    words = [scene.name, scene.sensor, "" if scene.tilt is None else f"tilt {scene.tilt:.0f}"]
-    words += [f"{score.objects} objects, {score.segments} segments", f"F1 {score.f1[0]:.2f} / {score.f1[1]:.2f}"]
-    words += [f"IoU {score.mean_iou:.2f}", f"split {score.split}, merged {score.merged}"]
-    looks = [one.silhouette for one in scene.objects if one.silhouette is not None]
-    words += [f"silhouettes {np.median(looks):.2f}" if looks else "", scene.error]
-    return "   ".join(word for word in words if word)
 
 
 def write_words(picture: Picture, words: str, place: tuple[int, int], size: float = 0.45) -> Picture:
@@ -113,19 +109,21 @@ def write_picture(file: Path, picture: Picture) -> None:
 
 
 def write_plots(out: Path, scenes: Sequence[SceneFigures]) -> None:
-    """Write ``scores.png``, the F1 and the overlap of each scene, and ``errors.png``, how errors are spread."""
+    """Write ``scores.png`` (F1 and overlap of each scene) and ``errors.png`` (distribution of the errors)."""
     bars = [(scene.name, (scene.score.f1[0], scene.score.f1[1], scene.score.mean_iou_of_objects)) for scene in scenes]
-    write_picture(out / "scores.png", _bars(bars, ("F1 at IoU 0.5", "F1 at IoU 0.75", "mean IoU of all objects")))
-    objects = [one for scene in scenes for one in scene.objects]
+    write_picture(out / "scores.png", _draw_bars(bars, ("F1 at IoU 0.5", "F1 at IoU 0.75", "mean IoU of all objects")))
+    objects = [item for scene in scenes for item in scene.objects]
     curves = {
-        name: sorted(1000 * value for one in objects if (value := getattr(one, attribute)) is not None)
+        name: sorted(1000 * value for item in objects if (value := getattr(item, attribute)) is not None)
         for name, attribute in (("box centre", "center"), ("box size", "size"), ("asset position", "position"))
     }
     if any(curves.values()):
-        write_picture(out / "errors.png", _shares({name: values for name, values in curves.items() if values}))
+        write_picture(
+            out / "errors.png", _draw_error_curves({name: values for name, values in curves.items() if values})
+        )
 
 
-def _bars(rows: Sequence[tuple[str, tuple[float, ...]]], names: Sequence[str]) -> Picture:
+def _draw_bars(rows: Sequence[tuple[str, tuple[float, ...]]], names: Sequence[str]) -> Picture:
     """Horizontal bars from 0 to 1, a group for each row."""
     left, right, step = 190, 620, 14 * len(names) + 10
     picture = np.full((40 + step * len(rows) + 10, right + 60, 3), 255, np.uint8)
@@ -143,8 +141,8 @@ def _bars(rows: Sequence[tuple[str, tuple[float, ...]]], names: Sequence[str]) -
     return picture
 
 
-def _shares(curves: dict[str, list[float]], most: float = 40.0) -> Picture:
-    """The share of the objects (up) with an error of at most so many mm (right)."""
+def _draw_error_curves(curves: dict[str, list[float]], most: float = 40.0) -> Picture:
+    """Cumulative distribution of the objects' errors, mm."""
     left, top, width, height = 50, 20, 560, 320
     picture = np.full((top + height + 40, left + width + 20, 3), 255, np.uint8)
     for share in np.linspace(0, 1, 6):

@@ -35,8 +35,8 @@ _DIGITS = {
     "frame mm": 1,
 }
 COLUMNS = ("scene", "sensor", "tilt", "objects", "segments", *_DIGITS, "CPU s", "MiB", "error")
-"""Of the table of scenes. Lengths, angles and silhouettes are medians over its objects; ``twin`` is the share of the
-objects' pixels at which the twin at rest is within 2 cm, ``penetration`` its deepest."""
+"""Columns of the table of scenes. Lengths, angles and silhouettes are medians over its objects; ``twin`` is the share
+of the objects' pixels at which the twin at rest is within 2 cm, ``penetration`` its deepest."""
 SMALL, LARGE = 640 * 480, 1920 * 1080
 
 
@@ -76,9 +76,9 @@ def total_rows(scenes: Sequence[SceneFigures]) -> list[dict[str, Any]]:
 
 
 def _summary(scenes: Sequence[SceneFigures]) -> dict[str, float | None]:
-    """The totals of scenes by column; ``None`` where nothing was measured."""
+    """The totals of scenes by column; ``None`` if nothing was measured."""
     score = sum_scores([scene.score for scene in scenes])
-    objects = [one for scene in scenes for one in scene.objects]
+    objects = [item for scene in scenes for item in scene.objects]
     frames = [scene.frame for scene in scenes]
     twins, runs = [scene.twin for scene in scenes], _runs(scenes)
     return {
@@ -101,23 +101,45 @@ def _summary(scenes: Sequence[SceneFigures]) -> dict[str, float | None]:
 
 def perception_targets(scenes: Sequence[SceneFigures]) -> list[Figure]:
     """The totals with a target, and their explanatory figures."""
-    objects = [one for scene in scenes for one in scene.objects]
-    sums = _summary(scenes)
+    sums, objects = _summary(scenes), [item for scene in scenes for item in scene.objects]
+    runs = _runs(scenes)
+    coverages = [(run.coverage, run.true_coverage) for run in runs]
+    coverage_errors = [100 * abs(share - true) for share, true in coverages if share is not None and true is not None]
+    accepted = _known([run for run in runs if not run.refused], "true_coverage")
+    right, kept = sum(run.right_segments for run in runs), sum(run.kept_segments for run in runs)
+    named = [item for item in objects if item.right is not None]
+    stated = [(item.confidence, bool(item.right)) for item in named if item.confidence is not None]
+    motions = [(item.drift, item.tilt) for item in objects]
+    moved = [max(drift / 0.005, tilt / 3) for drift, tilt in motions if drift is not None and tilt is not None]
+    not_round = [item for item in objects if not item.symmetric]
     return [
         _at_least("F1 at IoU 0.5", sums["F1@.5"], 0.90),
         _at_least("mean IoU of matched", sums["IoU"], 0.85),
         _at_most("box centre, median", sums["centre mm"], 10, "mm"),
         _at_most("box size, median", sums["size mm"], 15, "mm"),
-        *_of_runs(_runs(scenes)),
-        *_of_matches(objects),
-        *_of_looks("twin", objects),
-        *_of_looks("shapes", [one for one in objects if one.stands == "shape"]),
+        _at_least("coverage of accepted runs, least", min(accepted, default=None), 0.8),
+        _at_most("runs that refuse the scene", _total([float(bool(run.refused)) for run in runs])),
+        _at_most("coverage: error of what the run says, largest", max(coverage_errors, default=None), 3, "points"),
+        _at_most("robots and walls among the objects", _total(_known(runs, "fixed_as_objects")), 0),
+        _at_least("right segments that survive", kept / right if right else None, 0.98),
+        _at_most("CPU of the whole run, median", _median(_known(runs, "cpu_seconds")), None, "s"),
+        _at_most("assets named", float(len(named))),
+        _at_most("assets named: wrong", _mean([float(not item.right) for item in named])),
+        _at_least(
+            "objects of the library with their asset", _mean([bool(item.right) for item in objects if item.asset])
+        ),
+        _at_most("match confidence: expected calibration error", calibration_error(stated), 0.08),
+        _at_most("match confidence above 0.9: wrong", _mean([not right for sure, right in stated if sure > 0.9]), 0.05),
+        *_appearance_targets("twin", objects),
+        *_appearance_targets("shapes", [item for item in objects if item.stands == "shape"]),
         _at_least("twin: pixels within 2 cm, mean", sums["twin"], 0.9),
         _at_most("twin: penetration, largest", sums["penetration mm"], 1, "mm"),
-        _at_least("twin: objects that move by less than 5 mm and 3 degrees", _share(_moves(objects), below=1.0), 0.98),
+        _at_least("twin: objects that move by less than 5 mm and 3 degrees", _share(moved, below=1.0), 0.98),
         _at_most("twin: objects held on something unseen", _mean(_known(objects, "held"))),
         _at_least("shapes with a seat for the suction cup", _mean(_known(objects, "seat")), 0.95),
-        *_of_poses(objects, sums),
+        _at_most("asset position, median", sums["position mm"], 10, "mm"),
+        _at_most("asset angle, median of those not round", _median(_known(not_round, "angle")), 10, "deg"),
+        _at_least("ADD-S below 10 % of the diameter", _share(_known(objects, "adds"), below=0.1)),
         _at_most("frame tilt, largest", sums["frame deg"], 1, "deg"),
         _at_most("frame height, largest", sums["frame mm"], 5, "mm"),
         *_times("CPU up to 640x480", 1, scenes, (0, SMALL)),
@@ -128,41 +150,6 @@ def perception_targets(scenes: Sequence[SceneFigures]) -> list[Figure]:
 
 def _runs(scenes: Sequence[SceneFigures]) -> list[RunFigures]:
     return [scene.run for scene in scenes if scene.run is not None]
-
-
-def _moves(objects: Sequence[ObjectFigures]) -> list[float]:
-    """How far each drifts or tilts until it rests, whichever is more, in units of 5 mm and of 3 degrees."""
-    both = [(one.drift, one.tilt) for one in objects]
-    return [max(drift / 0.005, tilt / 3) for drift, tilt in both if drift is not None and tilt is not None]
-
-
-def _of_runs(runs: Sequence[RunFigures]) -> list[Figure]:
-    """Coverage of the scenes by objects, fixed structures taken for objects, and the fate of right segments."""
-    both = [(one.coverage, one.true_coverage) for one in runs]
-    errors = [100 * abs(said - true) for said, true in both if said is not None and true is not None]
-    accepted = _known([one for one in runs if not one.refused], "true_coverage")
-    right, kept = sum(one.right_segments for one in runs), sum(one.kept_segments for one in runs)
-    return [
-        _at_least("coverage of accepted runs, least", min(accepted, default=None), 0.8),
-        _at_most("runs that refuse the scene", _total([float(bool(one.refused)) for one in runs])),
-        _at_most("coverage: error of what the run says, largest", max(errors, default=None), 3, "points"),
-        _at_most("robots and walls among the objects", _total(_known(runs, "fixed_as_objects")), 0),
-        _at_least("right segments that survive", kept / right if right else None, 0.98),
-        _at_most("CPU of the whole run, median", _median(_known(runs, "cpu_seconds")), None, "s"),
-    ]
-
-
-def _of_matches(objects: Sequence[ObjectFigures]) -> list[Figure]:
-    """How often named assets are right, and whether their confidence says so."""
-    named = [one for one in objects if one.right is not None]
-    stated = [(one.confidence, bool(one.right)) for one in named if one.confidence is not None]
-    return [
-        _at_most("assets named", float(len(named))),
-        _at_most("assets named: wrong", _mean([float(not one.right) for one in named])),
-        _at_least("objects of the library with their asset", _mean([bool(one.right) for one in objects if one.asset])),
-        _at_most("match confidence: expected calibration error", calibration_error(stated), 0.08),
-        _at_most("match confidence above 0.9: wrong", _mean([not right for sure, right in stated if sure > 0.9]), 0.05),
-    ]
 
 
 def calibration_error(stated: Sequence[tuple[float, bool]], bins: int = 10) -> float | None:
@@ -177,24 +164,14 @@ def calibration_error(stated: Sequence[tuple[float, bool]], bins: int = 10) -> f
     return sum(off) / len(stated) if stated else None
 
 
-def _of_looks(name: str, objects: Sequence[ObjectFigures]) -> list[Figure]:
-    """How what stands for objects looks from the photo's camera."""
+def _appearance_targets(name: str, objects: Sequence[ObjectFigures]) -> list[Figure]:
+    """Silhouette and depth errors of the objects' stand-ins from the photo's camera."""
     outlines, depths = _known(objects, "silhouette"), _known(objects, "depth_error")
     return [
         _at_least(f"{name}: silhouette IoU, median", _median(outlines), 0.90),
         _at_least(f"{name}: silhouette IoU at least 0.85", _mean([float(iou >= 0.85) for iou in outlines]), 0.8),
         _at_most(f"{name}: depth error p90, median", _median(depths, 1000), None, "mm"),
         _at_least(f"{name}: depth error p90 below 8 mm", _share(depths, below=0.008), 0.8),
-    ]
-
-
-def _of_poses(objects: Sequence[ObjectFigures], sums: Mapping[str, float | None]) -> list[Figure]:
-    """How near right assets rest to where they truly are."""
-    not_round = [one for one in objects if not one.symmetric]
-    return [
-        _at_most("asset position, median", sums["position mm"], 10, "mm"),
-        _at_most("asset angle, median of those not round", _median(_known(not_round, "angle")), 10, "deg"),
-        _at_least("ADD-S below 10 % of the diameter", _share(_known(objects, "adds"), below=0.1)),
     ]
 
 
@@ -207,8 +184,9 @@ def _at_least(name: str, value: float | None, target: float | None = None) -> Fi
 
 
 def _times(name: str, target: float, scenes: Sequence[SceneFigures], pixels: tuple[int, int]) -> list[Figure]:
-    """The least of each scene's tries, as a shared machine only ever adds to it; of pictures of so many pixels."""
-    least = [one.cpu_seconds for one in scenes if pixels[0] < one.width * one.height <= pixels[1]]
+    """CPU time of scenes with ``pixels`` (more than, at most): the least of each scene's tries, since other load on the
+    machine only adds to it."""
+    least = [scene.cpu_seconds for scene in scenes if pixels[0] < scene.width * scene.height <= pixels[1]]
     return [
         _at_most(f"{name}, largest", max(least, default=None), target, "s"),
         _at_most(f"{name}, median", _median(least), target, "s"),
@@ -229,19 +207,19 @@ def write_figures(out: Path, scenes: Sequence[SceneFigures]) -> dict[str, Any]:
         "scenes": [scene.model_dump(mode="json") for scene in scenes],
     }
     objects = [
-        {"scene": scene.name, **{key: _exact(value) for key, value in one.model_dump().items()}}
+        {
+            "scene": scene.name,
+            **{
+                key: (f"{value:.5g}" if isinstance(value, float) else value) for key, value in item.model_dump().items()
+            },
+        }
         for scene in scenes
-        for one in scene.objects
+        for item in scene.objects
     ]
     write_json(out / "figures.json", value)
     write_text(out / "scenes.csv", csv_text(COLUMNS, [*rows, *sums]))
     write_text(out / "objects.csv", csv_text(("scene", *ObjectFigures.model_fields), objects))
-    write_text(out / "figures.md", "\n".join((_targets_table(figures), markdown_table(COLUMNS, [*rows, *sums]))))
-    return value
-
-
-def _targets_table(figures: Sequence[Figure]) -> str:
-    rows = [
+    targets = [
         {
             "figure": figure.name,
             "measured": f"{figure.value:.3g} {figure.unit}{' (missed)' if figure.is_target_met is False else ''}",
@@ -250,7 +228,9 @@ def _targets_table(figures: Sequence[Figure]) -> str:
         for figure in figures
         if figure.value is not None
     ]
-    return markdown_table(("figure", "measured", "target"), rows)
+    tables = (markdown_table(("figure", "measured", "target"), targets), markdown_table(COLUMNS, [*rows, *sums]))
+    write_text(out / "figures.md", "\n".join(tables))
+    return value
 
 
 def csv_text(columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:
@@ -263,7 +243,7 @@ def csv_text(columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:
 
 
 def _known(things: Sequence[object], name: str) -> list[float]:
-    """An attribute of those that have it."""
+    """Known values of an attribute."""
     return [value for thing in things if (value := getattr(thing, name, None)) is not None]
 
 
@@ -285,7 +265,3 @@ def _mean(values: Sequence[float]) -> float | None:
 
 def _text(value: float | None, digits: int) -> str:
     return "" if value is None else f"{value:.{digits}f}"
-
-
-def _exact(value: object) -> object:
-    return f"{value:.5g}" if isinstance(value, float) else value

@@ -20,7 +20,9 @@ _ANSWER = ("id", "truth", "match", "asset", "confidence", "outcome", "visible", 
 _OBJECTS = ("scene", "method", "model", "run", *_ANSWER)
 
 
-def write_matchings(out: Path, found: Sequence[Matching], prices: Mapping[str, tuple[float, float]]) -> dict[str, Any]:
+def write_matchings(
+    out: Path, matchings: Sequence[Matching], prices: Mapping[str, tuple[float, float]]
+) -> dict[str, Any]:
     """Write ``figures.json``, ``table1.csv``, ``table1.md``, ``objects.csv`` and ``confusions.csv``.
 
     Returns:
@@ -29,72 +31,81 @@ def write_matchings(out: Path, found: Sequence[Matching], prices: Mapping[str, t
     Raises:
         InputError: SciPy is not installed.
     """
-    usable = [one for one in found if not one.error]
-    rows = [_row(key, some, prices) for key, some in _groups(usable).items()]
+    usable = [matching for matching in matchings if not matching.error]
+    groups: dict[tuple[str, str], list[Matching]] = {}
+    for matching in usable:
+        groups.setdefault((matching.order.method.name, matching.order.model), []).append(matching)
+    rows = [_row(key, some, prices) for key, some in groups.items()]
     tests, confusions = _tests(usable), _confusions(usable)
+    stated: dict[str, list[tuple[float, bool]]] = {}  # confidence and correctness of the matches of each method
+    for matching in usable:
+        for answer in matching.answers:
+            if answer.answer.match == "asset" and answer.answer.confidence is not None:
+                pair = (answer.answer.confidence, answer.outcome == "right")
+                stated.setdefault(matching.order.method.name, []).append(pair)
     value = {
         "table": rows,
         "tests": tests,
         "confusions": confusions,
-        "calibration": _calibration(usable),
-        "calibration error": _calibration_errors(usable),
-        "errors": [one.order.stem for one in found if one.error],
+        "calibration": _calibration(stated),
+        "calibration error": {method: calibration_error(some) for method, some in sorted(stated.items())},
+        "errors": [matching.order.stem for matching in matchings if matching.error],
     }
     write_json(out / "figures.json", value)
     write_text(out / "table1.csv", csv_text(COLUMNS, rows))
-    write_text(out / "table1.md", "\n".join((markdown_table(COLUMNS, rows), _tests_table(tests))))
+    test_rows = [
+        {**test, "H": f"{test['statistic']:.2f}", "degrees of freedom": test["freedom"], "p": f"{test['p']:.3g}"}
+        for test in tests
+    ]
+    test_table = markdown_table(("test", "effect", "H", "degrees of freedom", "p"), test_rows) if test_rows else ""
+    write_text(out / "table1.md", "\n".join((markdown_table(COLUMNS, rows), test_table)))
     write_text(out / "objects.csv", csv_text(_OBJECTS, _object_rows(usable)))
     write_text(out / "confusions.csv", csv_text(("method", "truth", "answer", "count"), confusions))
     return value
 
 
-def _groups(found: Sequence[Matching]) -> dict[tuple[str, str], list[Matching]]:
-    groups: dict[tuple[str, str], list[Matching]] = {}
-    for one in found:
-        groups.setdefault((one.order.method.name, one.order.model), []).append(one)
-    return groups
-
-
 def _row(key: tuple[str, str], some: Sequence[Matching], prices: Mapping[str, tuple[float, float]]) -> dict[str, Any]:
-    right, wrong, missed = (sum(column) for column in zip(*(one.counts for one in some), strict=True))
+    right, wrong, missed = (sum(column) for column in zip(*(matching.counts for matching in some), strict=True))
     pooled, precision, recall = f1_precision_recall((right, wrong, missed))
     values = (*confidence_interval(_f1(some)), precision, recall, pooled)
-    outcomes = Counter[str](answer.outcome for one in some for answer in one.answers)
-    outcomes["missed"] += sum(one.unseen for one in some)
+    outcomes = Counter[str](answer.outcome for matching in some for answer in matching.answers)
+    outcomes["missed"] += sum(matching.unseen for matching in some)
+    price = prices.get(key[1])
+    into, out = sum(matching.input_tokens for matching in some), sum(matching.output_tokens for matching in some)
+    cost = "" if price is None else f"{(into * price[0] + out * price[1]) / 1e6:.4f}"
     return {
         "method": key[0],
         "model": key[1],
-        "scenes": len({one.order.scene.name for one in some}),
-        "runs": len({one.order.run for one in some}),
+        "scenes": len({matching.order.scene.name for matching in some}),
+        "runs": len({matching.order.run for matching in some}),
         **{name: f"{value:.3f}" for name, value in zip(_SCORES, values, strict=True)},
         **{name: outcomes[name] for name in _COUNTED},
-        **_tokens(some, prices.get(key[1])),
-        "CPU s": f"{sum(one.cpu_seconds for one in some) / len(some):.1f}",
+        "tokens in": into,
+        "tokens out": out,
+        "cost": cost,
+        "CPU s": f"{sum(matching.cpu_seconds for matching in some) / len(some):.1f}",
     }
 
 
-def _tokens(some: Sequence[Matching], price: tuple[float, float] | None) -> dict[str, Any]:
-    into, out = sum(one.input_tokens for one in some), sum(one.output_tokens for one in some)
-    cost = "" if price is None else f"{(into * price[0] + out * price[1]) / 1e6:.4f}"
-    return {"tokens in": into, "tokens out": out, "cost": cost}
+def _f1(matchings: Sequence[Matching]) -> list[float]:
+    return [f1_precision_recall(matching.counts)[0] for matching in matchings]
 
 
-def _f1(found: Sequence[Matching]) -> list[float]:
-    return [f1_precision_recall(one.counts)[0] for one in found]
-
-
-def _tests(found: Sequence[Matching]) -> list[dict[str, Any]]:
-    """Whether methods and models differ, and whether they interact, by the F1 of scenes and runs."""
-    asked = [one for one in found if one.order.model != "-"]
-    models = [one.order.model for one in asked]
+def _tests(matchings: Sequence[Matching]) -> list[dict[str, Any]]:
+    """Effects of methods and models and their interaction on the F1 of scenes and runs."""
+    by_model = [matching for matching in matchings if matching.order.model != "-"]
+    models = [matching.order.model for matching in by_model]
     tests = [
-        ("Kruskal-Wallis", kruskal_wallis(_by([one.order.method.name for one in found], _f1(found)), "method")),
-        ("Kruskal-Wallis", kruskal_wallis(_by(models, _f1(asked)), "model")),
+        (
+            "Kruskal-Wallis",
+            kruskal_wallis(_by([matching.order.method.name for matching in matchings], _f1(matchings)), "method"),
+        ),
+        ("Kruskal-Wallis", kruskal_wallis(_by(models, _f1(by_model)), "model")),
     ]
-    if asked:
-        both = scheirer_ray_hare(_f1(asked), [one.order.method.name for one in asked], models)
-        tests += [("Scheirer-Ray-Hare", one) for one in both]
-    return [{"test": name, **one.model_dump()} for name, one in tests if one is not None]
+    if by_model:
+        both = scheirer_ray_hare(_f1(by_model), [matching.order.method.name for matching in by_model], models)
+        tests += [("Scheirer-Ray-Hare", test) for test in both]
+    return [{"test": name, **test.model_dump()} for name, test in tests if test is not None]
 
 
 def _by(keys: Sequence[str], values: Sequence[float]) -> dict[str, list[float]]:
@@ -104,33 +115,30 @@ def _by(keys: Sequence[str], values: Sequence[float]) -> dict[str, list[float]]:
     return groups
 
 
-def _confusions(found: Sequence[Matching]) -> list[dict[str, Any]]:
+def _confusions(matchings: Sequence[Matching]) -> list[dict[str, Any]]:
     """Confused pairs of assets, the most frequent first."""
     pairs: Counter[tuple[str, str, str]] = Counter()
-    for one in found:
-        for answer in one.answers:
+    for matching in matchings:
+        for answer in matching.answers:
             if answer.outcome in ("wrong asset", "false alarm", "missed"):
                 truth = "(no object)" if answer.truth is None else answer.truth or "(not in the library)"
-                pairs[one.order.method.name, truth, answer.answer.asset or f"({answer.answer.match})"] += 1
+                pairs[matching.order.method.name, truth, answer.answer.asset or f"({answer.answer.match})"] += 1
     return [
-        {"method": method, "truth": truth, "answer": told, "count": count}
-        for (method, truth, told), count in pairs.most_common()
+        {"method": method, "truth": truth, "answer": reply, "count": count}
+        for (method, truth, reply), count in pairs.most_common()
     ]
 
 
-def _calibration(found: Sequence[Matching]) -> list[dict[str, Any]]:
-    """How often matches of a stated confidence are right, for each method that states one."""
+def _calibration(stated: Mapping[str, Sequence[tuple[float, bool]]]) -> list[dict[str, Any]]:
+    """Reliability of the stated confidences, by tenths, for each method."""
     bins: dict[tuple[str, int], list[tuple[float, bool]]] = {}
-    for one in found:
-        for answer in one.answers:
-            stated = answer.answer.confidence
-            if answer.answer.match == "asset" and stated is not None:
-                key = (one.order.method.name, min(int(stated * 10), 9))
-                bins.setdefault(key, []).append((stated, answer.outcome == "right"))
+    for method, pairs in stated.items():
+        for confidence, right in pairs:
+            bins.setdefault((method, min(int(confidence * 10), 9)), []).append((confidence, right))
     return [
         {
             "method": method,
-            "confidence": round(sum(stated for stated, _ in some) / len(some), 3),
+            "confidence": round(sum(confidence for confidence, _ in some) / len(some), 3),
             "right": round(sum(right for _, right in some) / len(some), 3),
             "matches": len(some),
         }
@@ -138,24 +146,13 @@ def _calibration(found: Sequence[Matching]) -> list[dict[str, Any]]:
     ]
 
 
-def _calibration_errors(found: Sequence[Matching]) -> dict[str, float | None]:
-    """The expected calibration error of the matches of each method."""
-    stated: dict[str, list[tuple[float, bool]]] = {}
-    for one in found:
-        for answer in one.answers:
-            if answer.answer.match == "asset" and answer.answer.confidence is not None:
-                right = answer.outcome == "right"
-                stated.setdefault(one.order.method.name, []).append((answer.answer.confidence, right))
-    return {method: calibration_error(some) for method, some in sorted(stated.items())}
-
-
-def _object_rows(found: Sequence[Matching]) -> list[dict[str, Any]]:
+def _object_rows(matchings: Sequence[Matching]) -> list[dict[str, Any]]:
     return [
         {
-            "scene": one.order.scene.name,
-            "method": one.order.method.name,
-            "model": one.order.model,
-            "run": one.order.run,
+            "scene": matching.order.scene.name,
+            "method": matching.order.method.name,
+            "model": matching.order.model,
+            "run": matching.order.run,
             "id": answer.id,
             "truth": "(no object)" if answer.truth is None else answer.truth,
             "match": answer.answer.match,
@@ -165,14 +162,6 @@ def _object_rows(found: Sequence[Matching]) -> list[dict[str, Any]]:
             "visible": "" if answer.visible is None else f"{answer.visible:.2f}",
             "reason": answer.answer.reason,
         }
-        for one in found
-        for answer in one.answers
+        for matching in matchings
+        for answer in matching.answers
     ]
-
-
-def _tests_table(tests: Sequence[Mapping[str, Any]]) -> str:
-    rows = [
-        {**test, "H": f"{test['statistic']:.2f}", "degrees of freedom": test["freedom"], "p": f"{test['p']:.3g}"}
-        for test in tests
-    ]
-    return markdown_table(("test", "effect", "H", "degrees of freedom", "p"), rows) if rows else ""

@@ -17,8 +17,8 @@ from grs_agents.runs.experiment_run import Experiment
 from grs_agents.runs.experiments import terminal_table
 
 METHODS: dict[str, Method] = {
-    one.name: one
-    for one in (
+    method.name: method
+    for method in (
         Method(name="features", tool="match_features"),
         Method(name="features-no-ocr", tool="match_features", ocr=False),
         Method(name="features-no-size", tool="match_features", sized=False),
@@ -38,12 +38,12 @@ def match_orders(
     """An order for each scene, method, model and run; methods without a model have the model ``-`` and a single run."""
     rooms = [content.package_root() / room for room in ("perception", "agents")]
     code = content.hash_files(*rooms, content.content_path("tools", "match_features"))
-    found: list[MatchOrder] = []
+    orders: list[MatchOrder] = []
     for name in methods:
         method = METHODS[name]
         for model in models if method.models else ("-",):
             for run in range(runs if method.models else 1):
-                found += [
+                orders += [
                     MatchOrder(
                         scene=scene.model_copy(update={"fingerprint": scene.fingerprint + code}),
                         method=method,
@@ -53,7 +53,7 @@ def match_orders(
                     )
                     for scene in scenes
                 ]
-    return found
+    return orders
 
 
 def run_match_orders(orders: Sequence[MatchOrder], experiment: Experiment, prices: Sequence[str]) -> int:
@@ -72,34 +72,40 @@ def run_match_orders(orders: Sequence[MatchOrder], experiment: Experiment, price
     Raises:
         InputError: a price cannot be read, or SciPy is not installed.
     """
-    costs, out, workers = _prices(prices), experiment.options.out, experiment.options.workers
-    _make(orders, out, workers)
-    found = run_jobs("matching", orders, lambda order: _matching(order, out), workers, lambda order: order.stem)
-    value = write_matchings(out, found, costs)
+    out, workers = experiment.options.out, experiment.options.workers
+    costs: dict[str, tuple[float, float]] = {}
+    for text in prices:
+        model, _, numbers = text.rpartition("=")
+        try:
+            cost_in, cost_out = (float(number) for number in numbers.split(","))
+        except ValueError as error:
+            raise InputError(f"price {text!r}", "give MODEL=IN,OUT, what a million tokens cost") from error
+        costs[model] = (cost_in, cost_out)
+
+    def make(scene: Order) -> None:
+        run_worker("perception_worker", ("make", str(out)), scene.model_dump_json())
+
+    scenes = {order.scene.name: order.scene for order in orders if order.scene.recipe is not None}
+    missing = [scene for scene in scenes.values() if not (Path(scene.source) / "truth.json").exists()]
+    run_jobs("making scenes", missing, make, workers, lambda scene: scene.name)
+    matchings = run_jobs("matching", orders, lambda order: _matching(order, out), workers, lambda order: order.stem)
+    value = write_matchings(out, matchings, costs)
     write_match_plot(out, value["table"])
-    write_match_sheet(out, found)
+    write_match_sheet(out, matchings)
     experiment.tell(
         value["table"],
         terminal_table("correspondence", SHOWN, value["table"]),
-        *(f"{one['test']}, {one['effect']}: H = {one['statistic']:.2f}, p = {one['p']:.3g}" for one in value["tests"]),
+        *(
+            f"{test['test']}, {test['effect']}: H = {test['statistic']:.2f}, p = {test['p']:.3g}"
+            for test in value["tests"]
+        ),
         f"table1.md, table1.csv, objects.csv, confusions.csv, f1.png and sheets are in {out}",
         **{name: part for name, part in value.items() if name != "table"},
     )
-    for one in found:
-        if one.error:
-            print_escaped(f"{one.order.stem}: {one.error}", error=True)
-    return 0 if all(not one.error for one in found) else 1
-
-
-def _make(orders: Sequence[MatchOrder], out: Path, workers: int) -> None:
-    """Make the scenes that are not there."""
-    scenes = {order.scene.name: order.scene for order in orders if order.scene.recipe is not None}
-    missing = [scene for scene in scenes.values() if not (Path(scene.source) / "truth.json").exists()]
-    run_jobs("making scenes", missing, lambda scene: _make_scene(scene, out), workers, lambda scene: scene.name)
-
-
-def _make_scene(scene: Order, out: Path) -> None:
-    run_worker("perception_worker", ("make", str(out)), scene.model_dump_json())
+    for matching in matchings:
+        if matching.error:
+            print_escaped(f"{matching.order.stem}: {matching.error}", error=True)
+    return 0 if all(not matching.error for matching in matchings) else 1
 
 
 def _matching(order: MatchOrder, out: Path) -> Matching:
@@ -108,28 +114,16 @@ def _matching(order: MatchOrder, out: Path) -> Matching:
         return earlier
     if error := error_of(run_worker("match_worker", (str(out),), order.model_dump_json())):
         return Matching(order=order, error=error)
-    found = _earlier(order, out)
-    if found is None:
+    matching = _earlier(order, out)
+    if matching is None:
         raise InputError(f"{matching_file(out, order)} changed while it was read", "name another --out")
-    return found
+    return matching
 
 
 def _earlier(order: MatchOrder, out: Path) -> Matching | None:
     """The stored outcome of the same order, if any."""
     try:
-        found = Matching.model_validate_json(matching_file(out, order).read_text(encoding="utf-8"))
+        matching = Matching.model_validate_json(matching_file(out, order).read_text(encoding="utf-8"))
     except (OSError, ValidationError):
         return None
-    return found if found.order == order else None
-
-
-def _prices(stated: Sequence[str]) -> dict[str, tuple[float, float]]:
-    found: dict[str, tuple[float, float]] = {}
-    for one in stated:
-        model, _, numbers = one.rpartition("=")
-        try:
-            into, out = (float(number) for number in numbers.split(","))
-        except ValueError as error:
-            raise InputError(f"price {one!r}", "give MODEL=IN,OUT, what a million tokens cost") from error
-        found[model] = (into, out)
-    return found
+    return matching if matching.order == order else None

@@ -23,17 +23,17 @@ _COLORS = {
 }
 
 
-def write_match_sheet(out: Path, found: Sequence[Matching]) -> None:
+def write_match_sheet(out: Path, matchings: Sequence[Matching]) -> None:
     """Write ``sheet-METHOD.png``: crop, answer and truth of every candidate, for a method's first model and run."""
     library, drawn = Library(), dict[str, Picture]()
     first: dict[str, tuple[str, int]] = {}
     rows: dict[str, list[Picture]] = {}
-    for one in found:
-        key = (one.order.model, one.order.run)
-        name = one.order.method.name
-        if one.error or first.setdefault(name, key) != key:
+    for matching in matchings:
+        key = (matching.order.model, matching.order.run)
+        name = matching.order.method.name
+        if matching.error or first.setdefault(name, key) != key:
             continue
-        rows.setdefault(name, []).extend(_cell(out, answer, library, drawn) for answer in one.answers)
+        rows.setdefault(name, []).extend(_cell(out, answer, library, drawn) for answer in matching.answers)
     for name, cells in rows.items():
         blank = np.full_like(cells[0], 255)
         padded = [*cells, *([blank] * (-len(cells) % _ACROSS))]

@@ -94,9 +94,9 @@ class Matching(Frozen):
     @property
     def counts(self) -> tuple[int, int, int]:
         """Right matches, wrong matches, and missed assets (a wrong match counts as both of the latter)."""
-        outcomes = [one.outcome for one in self.answers]
-        right, other = outcomes.count("right"), outcomes.count("wrong asset")
-        return right, other + outcomes.count("false alarm"), other + outcomes.count("missed") + self.unseen
+        outcomes = [answer.outcome for answer in self.answers]
+        right, wrong = outcomes.count("right"), outcomes.count("wrong asset")
+        return right, wrong + outcomes.count("false alarm"), wrong + outcomes.count("missed") + self.unseen
 
 
 def f1_precision_recall(counts: tuple[int, int, int]) -> tuple[float, float, float]:
@@ -107,5 +107,5 @@ def f1_precision_recall(counts: tuple[int, int, int]) -> tuple[float, float, flo
 
 
 def matching_file(out: Path, order: MatchOrder) -> Path:
-    """Where the outcome of an order is kept."""
+    """File of an order's outcome."""
     return out / "matchings" / f"{order.stem}.json"

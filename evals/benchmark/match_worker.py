@@ -16,7 +16,7 @@ from grs_agents.agents.agent import Agents
 from grs_agents.agents.types import Description, NoReply
 from grs_agents.base import content
 from grs_agents.base.config.load import load_config
-from grs_agents.base.config.schema import Config, Limits
+from grs_agents.base.config.schema import Limits
 from grs_agents.base.errors import GrsError
 from grs_agents.base.files import write_json
 from grs_agents.base.terminal import print_escaped
@@ -50,19 +50,34 @@ def match_scene(order: MatchOrder, out: Path) -> Matching:
     cv2.setNumThreads(1)
     with Sandbox() as sandbox:
         context = ToolContext(sandbox=sandbox, library=library, limits=Limits())
-        candidates = _candidates(order, scene, table, context)
+        candidates: Sequence[Candidate]
+        if order.scene.tool:
+            tool = load_tool(order.scene.tool)
+            candidates = tool.run(tool.Request(frame=scene.frame, table=table), context).candidates
+        else:
+            candidates = measure_candidates(scene.frame, table, scene.labels)
         folder = out / "pictures" / order.scene.name
         image = save_frame(scene.frame, folder)["rgb"]
         records = save_candidates(scene.frame, candidates, folder)
         log = EventLog(out / "events" / f"{order.stem}.jsonl")
         before = log.sequence
         begin = time.process_time()
-        result = _matched(order, scene, table, candidates, records, image, context, Agents(_config(order), log, folder))
+        model = [] if order.model == "-" else [f"models.default={order.model}"]
+        result = _matched(
+            order,
+            scene,
+            table,
+            candidates,
+            records,
+            image,
+            context,
+            Agents(load_config(None, [*model, f"seed={order.run}", *order.settings]).config, log, folder),
+        )
     seconds = time.process_time() - begin
     log.close()
     replies = [event for event in read_events(log.path) if isinstance(event, Reply) and event.sequence >= before]
     answers, unseen = _answers(scene, candidates, records, result.matches, library)
-    found = Matching(
+    matching = Matching(
         order=order,
         answers=answers,
         unseen=unseen,
@@ -70,23 +85,8 @@ def match_scene(order: MatchOrder, out: Path) -> Matching:
         output_tokens=sum(event.output_tokens for event in replies),
         cpu_seconds=seconds,
     )
-    write_json(matching_file(out, order), found.model_dump(mode="json"))
-    return found
-
-
-def _config(order: MatchOrder) -> Config:
-    model = [] if order.model == "-" else [f"models.default={order.model}"]
-    return load_config(None, [*model, f"seed={order.run}", *order.settings]).config
-
-
-def _candidates(
-    order: MatchOrder, scene: LabelledScene, table: TableFrame, context: ToolContext
-) -> Sequence[Candidate]:
-    if not order.scene.tool:
-        return measure_candidates(scene.frame, table, scene.labels)
-    tool = load_tool(order.scene.tool)
-    found: Sequence[Candidate] = tool.run(tool.Request(frame=scene.frame, table=table), context).candidates
-    return found
+    write_json(matching_file(out, order), matching.model_dump(mode="json"))
+    return matching
 
 
 def _matched(
@@ -107,9 +107,14 @@ def _matched(
             silent = isinstance(said, NoReply)
             described[record.id] = make_placeholder_description(record.shape) if silent else said[record.id]
     config, tool = agents.config, load_tool(order.method.tool)
-    asked = [one for one in candidates if one.id not in described or described[one.id].is_object]
+    objects = [
+        candidate for candidate in candidates if candidate.id not in described or described[candidate.id].is_object
+    ]
     crops = {record.id: agents.folder / record.crop for record in records}
-    segments = [Segment(one.id, one.mask, one.upright, crops[one.id], one.points) for one in asked]
+    segments = [
+        Segment(candidate.id, candidate.mask, candidate.upright, crops[candidate.id], candidate.points)
+        for candidate in objects
+    ]
     request = tool.Request(
         segments=segments,
         frame=scene.frame,
@@ -121,8 +126,8 @@ def _matched(
         ocr=order.method.ocr,
         sized=order.method.sized,
     )
-    found: MatchResult = tool.run(request, context)
-    return found
+    result: MatchResult = tool.run(request, context)
+    return result
 
 
 def _answers(
@@ -133,11 +138,11 @@ def _answers(
     library: Library,
 ) -> tuple[tuple[ScoredAnswer, ...], int]:
     labels = np.zeros(scene.labels.shape, np.int32)
-    for one in candidates:
-        labels[one.mask] = one.id
+    for candidate in candidates:
+        labels[candidate.mask] = candidate.id
     common = overlaps(labels, scene.labels, scene.ignored())
     partner, counting = common.matched(), set(common.segments.tolist())
-    known, looks = {one.id: one for one in scene.truth.objects}, first_of_same_look(library)
+    known, looks = {item.id: item for item in scene.truth.objects}, first_of_same_look(library)
     silent = MatchEvidence(match="no_object", reason="described as no object")
     answers: list[ScoredAnswer] = []
     for record in records:
@@ -150,17 +155,12 @@ def _answers(
                 truth=truth,
                 answer=answer,
                 outcome=_outcome(truth, answer, looks),
-                visible=None if one is None else _visible(one),
+                visible=None if one is None else (one.visible / one.whole if one.visible and one.whole else None),
                 crop=f"pictures/{scene.name}/{record.crop}",
             )
             answers.append(scored)
     assets = {label for label in common.truths.tolist() if label in known and known[label].asset}
     return tuple(answers), len(assets - set(partner.values()))
-
-
-def _visible(one: TrueObject) -> float | None:
-    """The share of an object that is seen, where that is known."""
-    return one.visible / one.whole if one.visible and one.whole else None
 
 
 def _outcome(truth: str | None, answer: MatchEvidence, looks: Mapping[str, str]) -> Outcome:

@@ -9,8 +9,7 @@ from pydantic import ValidationError
 
 from evals.benchmark.contact_sheet import measured_row, write_pages, write_plots
 from evals.benchmark.figures import perception_targets, write_figures
-from evals.benchmark.ground_truth import labelled_folders
-from evals.benchmark.ground_truth_bop import bop_sources
+from evals.benchmark.ground_truth import bop_sources, labelled_folders
 from evals.benchmark.segmentation_metrics import sum_scores
 from evals.benchmark.types import Order, Result, SceneFigures, result_file
 from evals.benchmark.worker_processes import EVALS, error_of, run_jobs, run_worker
@@ -51,12 +50,12 @@ def orders_of(sources: Sequence[str], work: MeasurementOptions, most: int) -> li
     Raises:
         InputError: a folder holds no labelled scene.
     """
-    found: list[str] = []
+    paths: list[str] = []
     for source in sources:
         bop = is_bop_source(Path(source))
-        found += bop_sources(source, most) if bop else [str(folder) for folder in labelled_folders(Path(source))]
-    names = unique_names([Path(source) for source in found])
-    return [_order(name, source, None, work) for name, source in zip(names, found, strict=True)]
+        paths += bop_sources(source, most) if bop else [str(folder) for folder in labelled_folders(Path(source))]
+    names = unique_names([Path(source) for source in paths])
+    return [_order(name, source, None, work) for name, source in zip(names, paths, strict=True)]
 
 
 def unique_names(sources: Sequence[Path]) -> list[str]:
@@ -67,11 +66,21 @@ def unique_names(sources: Sequence[Path]) -> list[str]:
 
 def synthesised_orders(wanted: Sequence[Recipe], out: Path, work: MeasurementOptions) -> list[Order]:
     """Orders for scenes that are made below ``out/synthesised`` if they are not there yet."""
-    made = content.hash_files(
+    code = content.hash_files(
         EVALS / "synthesis", content.package_root() / "library", content.content_path("assets", "library")
     )[:12]
     return [
-        _order(f"synth_{recipe.seed:04d}", str(out / "synthesised" / made / _stem(recipe)), recipe, work)
+        _order(
+            f"synth_{recipe.seed:04d}",
+            str(
+                out
+                / "synthesised"
+                / code
+                / f"{recipe.seed:04d}-{hashlib.sha256(recipe.model_dump_json().encode()).hexdigest()[:8]}"
+            ),
+            recipe,
+            work,
+        )
         for recipe in wanted
     ]
 
@@ -103,7 +112,7 @@ def run_orders(orders: Sequence[Order], experiment: Experiment) -> int:
 
 def _order(name: str, source: str, recipe: Recipe | None, work: MeasurementOptions) -> Order:
     overlays = tuple(str(root) for root in content.content_search_roots()[:-1])
-    rooms = [content.package_root() / room for room in ("agents", "nodes", "perception")]
+    rooms = [content.package_root() / room for room in ("agents", "graph", "perception")]
     code = content.hash_files(*rooms, EVALS / "benchmark", content.content_path("tools", "segment_rgbd").parent)
     return Order(
         name=name,
@@ -121,17 +130,12 @@ def _order(name: str, source: str, recipe: Recipe | None, work: MeasurementOptio
 
 
 def _age(source: str) -> str:
-    """Time of the last change of the scene's files; for a synthesised scene, its folder's name."""
+    """Digest of the modification times of the scene's files; empty for a synthesised scene, named by its recipe."""
     folder = Path(source)
     if "synthesised" in folder.parts or not folder.is_dir():
         return ""
     times = sorted((file.name, file.stat().st_mtime_ns) for file in folder.iterdir())
     return "-" + hashlib.sha256(str(times).encode()).hexdigest()[:12]
-
-
-def _stem(recipe: Recipe) -> str:
-    """A folder name that is unique to a recipe."""
-    return f"{recipe.seed:04d}-{hashlib.sha256(recipe.model_dump_json().encode()).hexdigest()[:8]}"
 
 
 def _measured(order: Order, out: Path) -> Result:
@@ -141,10 +145,10 @@ def _measured(order: Order, out: Path) -> Result:
     for verb in ("make", "measure") if order.recipe is not None else ("measure",):
         if error := error_of(run_worker("perception_worker", (verb, str(out)), order.model_dump_json())):
             return Result(order=order, figures=SceneFigures(name=order.name, score=sum_scores([]), error=error))
-    found = _earlier(order, out)
-    if found is None:
+    result = _earlier(order, out)
+    if result is None:
         raise InputError(f"{result_file(out, order.name)} changed while it was read", "name another --out")
-    return found
+    return result
 
 
 def _earlier(order: Order, out: Path) -> Result | None:

@@ -1,6 +1,6 @@
 """Measure a scene in this process: the order is read from standard input, the result written into the named folder.
 
-With a process for each scene, peak memory is known for each, and a crash costs a single scene.
+A process for each scene gives the peak memory of each, and a crash costs a single scene.
 """
 
 import resource
@@ -59,18 +59,22 @@ def measure_scene(order: Order, out: Path) -> Result:
     cv2.setNumThreads(1)
     with Sandbox() as sandbox:
         context = ToolContext(sandbox=sandbox, library=Library(), limits=Limits())
-        tries = [_found(scene, tool, context, order) for _ in range(order.repeats)]
-    found = min(tries, key=lambda one: one.seconds)
+        tries = [_segment_scene(scene, tool, context, order) for _ in range(order.repeats)]
+    segmented = min(tries, key=lambda attempt: attempt.seconds)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / _MEBIBYTE
     labels = np.zeros(scene.labels.shape, np.int32)
-    for one in found.candidates:
-        labels[one.mask] = one.id
+    for candidate in segmented.candidates:
+        labels[candidate.mask] = candidate.id
     labels[scene.unlabelled] = 0
-    figures = _figures(order, scene, labels, found, out).model_copy(
-        update={"cpu_seconds": found.seconds, "peak_mib": peak}
+    figures = _measure_figures(order, scene, labels, segmented, out).model_copy(
+        update={"cpu_seconds": segmented.seconds, "peak_mib": peak}
     )
-    table = found.table
-    boxes = {one.id: _corners(one, table) for one in found.candidates} if table is not None else {}
+    table = segmented.table
+    boxes = (
+        {candidate.id: _box_corners(candidate, table) for candidate in segmented.candidates}
+        if table is not None
+        else {}
+    )
     result = Result(order=order, figures=figures, boxes=boxes)
     file = result_file(out, order.name)
     write_bytes(file.with_suffix(".png"), cv2.imencode(".png", labels.astype(np.uint16))[1].tobytes())
@@ -78,7 +82,7 @@ def measure_scene(order: Order, out: Path) -> Result:
     return result
 
 
-def _found(scene: LabelledScene, tool: Tool, context: ToolContext, order: Order) -> Segmented:
+def _segment_scene(scene: LabelledScene, tool: Tool, context: ToolContext, order: Order) -> Segmented:
     seconds = 0.0
     table: TableFrame | None = None
     candidates: Sequence[Candidate] = ()
@@ -88,9 +92,9 @@ def _found(scene: LabelledScene, tool: Tool, context: ToolContext, order: Order)
         nonlocal seconds
         config = {"config": DEFAULT.segmentation.without_rules(*order.without)} if order.without else {}
         begin = time.process_time()
-        found = tool.run(tool.Request(frame=photo, table=table, model=order.model, **config), context).candidates
+        objects = tool.run(tool.Request(frame=photo, table=table, model=order.model, **config), context).candidates
         seconds += time.process_time() - begin
-        return found
+        return objects
 
     try:
         begin = time.process_time()
@@ -105,17 +109,17 @@ def _found(scene: LabelledScene, tool: Tool, context: ToolContext, order: Order)
     return Segmented(table, candidates, error, seconds)
 
 
-def _figures(
-    order: Order, scene: LabelledScene, labels: npt.NDArray[np.int32], found: Segmented, out: Path
+def _measure_figures(
+    order: Order, scene: LabelledScene, labels: npt.NDArray[np.int32], segmented: Segmented, out: Path
 ) -> SceneFigures:
-    frame, error, library = None, found.error, Library()
+    frame, error, library = None, segmented.error, Library()
     try:
         frame = frame_figures(scene, np.random.default_rng(order.seed))
     except GrsError as failure:
         error = error or f"without calibration: {failure.message}"
     run: SceneRun | None = None
     try:
-        if not found.error and not order.without:
+        if not segmented.error and not order.without:
             run = comprehend_scene(order.source, run_folder(out, order.name), _settings(order))
     except GrsError as failure:
         error = f"run: {failure.message}"
@@ -125,7 +129,7 @@ def _figures(
         sensor=scene.truth.sensor,
         tilt=scene.truth.tilt,
         score=score_segmentation(labels, scene.labels, scene.ignored()),
-        objects=object_figures(scene, labels, found.candidates, library, found.table, stands),
+        objects=object_figures(scene, labels, segmented.candidates, library, segmented.table, stands),
         frame=frame,
         run=None if run is None else run_figures(scene, labels, run),
         twin=None if run is None else run.scene.twin,
@@ -141,7 +145,7 @@ def _settings(order: Order) -> list[str]:
     return [f"tools.segment={order.tool}", f"seed={order.seed}", *model, *order.settings]
 
 
-def _corners(candidate: Candidate, table: TableFrame) -> tuple[tuple[float, ...], ...]:
+def _box_corners(candidate: Candidate, table: TableFrame) -> tuple[tuple[float, ...], ...]:
     """The corners of the upright box, (8, 3) m, camera frame."""
     box = candidate.upright
     cosine, sine = np.cos(box.yaw), np.sin(box.yaw)

@@ -1,4 +1,4 @@
-"""Tests on ranks: whether groups differ (Kruskal-Wallis), two factors and their interaction (Scheirer-Ray-Hare)."""
+"""Rank tests: differences between groups (Kruskal-Wallis), two factors with interaction (Scheirer-Ray-Hare)."""
 
 from collections.abc import Mapping, Sequence
 
@@ -47,7 +47,7 @@ def scheirer_ray_hare(values: Sequence[float], rows: Sequence[str], columns: Seq
     Raises:
         InputError: SciPy is not installed.
     """
-    ranks = _ranks(np.asarray(values, np.float64))
+    ranks = np.asarray(scipy_module("scipy.stats").rankdata(np.asarray(values, np.float64)), np.float64)
     row_names, row = np.unique(np.array(rows), return_inverse=True)
     column_names, column = np.unique(np.array(columns), return_inverse=True)
     down, across = len(row_names) - 1, len(column_names) - 1
@@ -59,12 +59,16 @@ def scheirer_ray_hare(values: Sequence[float], rows: Sequence[str], columns: Seq
     both = _between(ranks, cell) - by_row - by_column
     mean_square = float(((ranks - ranks.mean()) ** 2).sum()) / (len(ranks) - 1)
     effects = (("method", by_row, down), ("model", by_column, across), ("method x model", both, down * across))
-    return tuple(_rank_test(effect, square / mean_square, freedom) for effect, square, freedom in effects)
-
-
-def _rank_test(effect: str, statistic: float, freedom: int) -> RankTest:
-    p = scipy_module("scipy.stats").chi2.sf(max(statistic, 0.0), freedom)
-    return RankTest(effect=effect, statistic=statistic, freedom=freedom, p=float(p))
+    chi2 = scipy_module("scipy.stats").chi2
+    return tuple(
+        RankTest(
+            effect=effect,
+            statistic=square / mean_square,
+            freedom=freedom,
+            p=float(chi2.sf(max(square / mean_square, 0.0), freedom)),
+        )
+        for effect, square, freedom in effects
+    )
 
 
 def confidence_interval(values: Sequence[float]) -> tuple[float, float, float]:
@@ -91,17 +95,12 @@ def _between(ranks: Floats, group: npt.NDArray[np.int64]) -> float:
     return float(sum(len(some) * (some.mean() - ranks.mean()) ** 2 for some in groups))
 
 
-def _ranks(values: Floats) -> Floats:
-    """Ranks from 1; equal values share the mean of theirs."""
-    return np.asarray(scipy_module("scipy.stats").rankdata(values), np.float64)
-
-
-def mann_whitney(one: Sequence[float], other: Sequence[float]) -> float:
+def mann_whitney(first: Sequence[float], second: Sequence[float]) -> float:
     """The probability (two-sided) that samples differ so much by chance; 1 if all values are alike.
 
     Raises:
         InputError: SciPy is not installed.
     """
-    if np.ptp(np.asarray([*one, *other], np.float64)) == 0:
+    if np.ptp(np.asarray([*first, *second], np.float64)) == 0:
         return 1.0
-    return float(scipy_module("scipy.stats").mannwhitneyu(one, other).pvalue)
+    return float(scipy_module("scipy.stats").mannwhitneyu(first, second).pvalue)

@@ -42,21 +42,21 @@ def synthetic_vectors(count: int, rng: np.random.Generator) -> Vectors:
     spelt = np.array([embed_words(f"word{number}") for number in range(_WORDS)])
     kinds = rng.integers(0, _KINDS, count)
     shared = rng.choice(_WORDS, (_KINDS, 4), p=shares)
-    told = np.concatenate([shared[kinds], rng.choice(_WORDS, (count, _TOLD - 4), p=shares)], axis=1)
+    numbers = np.concatenate([shared[kinds], rng.choice(_WORDS, (count, _TOLD - 4), p=shares)], axis=1)
     usual = np.exp(rng.normal(-2.5, 0.6, (_KINDS, 3)))
     pure = histograms_from_rgb(rng.random((_COLORS, 3)), np.eye(_COLORS)).astype(np.float64) ** 2
-    found = np.empty((count, DIMENSIONS), np.float32)
+    vectors = np.empty((count, DIMENSIONS), np.float32)
     for first in range(0, count, 1000):
         some = slice(first, min(first + 1000, count))
-        words = spelt[told[some]].sum(axis=1)
+        words = spelt[numbers[some]].sum(axis=1)
         words /= np.maximum(np.linalg.norm(words, axis=1, keepdims=True), 1e-9)
         number = len(words)
         mixed, amounts = rng.integers(0, _COLORS, (number, _MIXED)), rng.dirichlet(np.full(_MIXED, 0.7), number)
         looks = np.sqrt(np.einsum("nm,nmb->nb", amounts, pure[mixed]))
         sizes = usual[kinds[some]] * np.exp(rng.normal(0, 0.25, (number, 3)))
         parts = (words, embed_color_histogram(looks), embed_sizes(sizes))
-        found[some] = np.concatenate([np.sqrt(w) * part for w, part in zip(WEIGHTS, parts, strict=True)], axis=1)
-    return found
+        vectors[some] = np.concatenate([np.sqrt(w) * part for w, part in zip(WEIGHTS, parts, strict=True)], axis=1)
+    return vectors
 
 
 def build(folder: Path, count: int, queries: int, seed: int) -> dict[str, float]:
@@ -74,16 +74,16 @@ def probe(folder: Path, count: int, queries: int, seed: int) -> dict[str, float]
     index = AssetIndex(folder)
     opened = time.process_time() - begin
     rng = np.random.default_rng(seed + 1)
-    asked: Vectors = np.load(_asked(folder), allow_pickle=False)
-    asked += rng.normal(0, _NOISE, asked.shape).astype(np.float32)
-    index.search(asked[0])
+    vectors: Vectors = np.load(_asked(folder), allow_pickle=False)
+    vectors += rng.normal(0, _NOISE, vectors.shape).astype(np.float32)
+    index.search(vectors[0])
     seconds: list[float] = []
     answers: list[set[str]] = []
-    for query in asked:
+    for query in vectors:
         begin = time.process_time()
-        found = index.search(query, _NEAREST)
+        nearest = index.search(query, _NEAREST)
         seconds.append(time.process_time() - begin)
-        answers.append({name for name, _ in found})
+        answers.append({name for name, _ in nearest})
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / _MEBIBYTE
     if len(index) != count:
         raise InputError(f"the index holds {len(index)} assets of {count}", "measure again")
@@ -92,7 +92,7 @@ def probe(folder: Path, count: int, queries: int, seed: int) -> dict[str, float]
     index.add([f"added/{number}.urdf" for number in range(1000)], fresh)
     added = time.process_time() - begin
     index.remove([f"added/{number}.urdf" for number in range(1000)])
-    near = asked @ synthetic_vectors(count, np.random.default_rng(seed)).T
+    near = vectors @ synthetic_vectors(count, np.random.default_rng(seed)).T
     exact = [[f"synthetic/{number}.urdf" for number in np.argsort(-row, kind="stable")[:_NEAREST]] for row in near]
     shares = [len(some & set(names)) / _NEAREST for some, names in zip(answers, exact, strict=True)]
     return {
@@ -125,8 +125,8 @@ def measure_retrieval(folder: Path, count: int, queries: int, seed: int) -> dict
 def retrieval_targets(figures: dict[str, float]) -> list[Figure]:
     """The figures that have a bound."""
     bounds = (("memory MiB", 1024.0), ("search ms, median", 10.0), ("open s", 1.0), ("add 1000 s", 1.0))
-    found = [Figure(name=name, value=figures[name], target=bound) for name, bound in bounds]
-    return [*found, Figure(name="recall", value=figures["recall"], target=0.98, smaller_is_better=False)]
+    targets = [Figure(name=name, value=figures[name], target=bound) for name, bound in bounds]
+    return [*targets, Figure(name="recall", value=figures["recall"], target=0.98, smaller_is_better=False)]
 
 
 def main(arguments: Sequence[str]) -> int:

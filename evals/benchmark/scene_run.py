@@ -73,14 +73,16 @@ def comprehend_scene(source: str, folder: Path, settings: Sequence[str]) -> Scen
     if ended.problem is not None and not (folder / "scene.json").is_file():
         raise ended.problem
     refused = "" if ended.problem is None else ended.problem.message
-    scene, library, own = read_scene_description(folder / "scene.json"), Library(), folder / "assets"
-    if own.is_dir():  # there is none where an asset stands for each object
-        library = library.copy_with_overlay_root(own)
+    scene, library, shapes = read_scene_description(folder / "scene.json"), Library(), folder / "assets"
+    if shapes.is_dir():  # not there if every object has an asset
+        library = library.copy_with_overlay_root(shapes)
     masks = {item.id: load_mask(folder / item.mask) for item in scene.objects}
     owners = np.zeros(next(iter(masks.values())).shape, np.int32)
     for number in sorted(masks, key=lambda number: -int(masks[number].sum())):
         owners[masks[number]] = number
-    pieces = [load_mask(folder / f"scene/mask_{one.id:02d}.png") for one in scene.dropped if _PIECE in one.reason]
+    pieces = [
+        load_mask(folder / f"scene/mask_{segment.id:02d}.png") for segment in scene.dropped if _PIECE in segment.reason
+    ]
     owned = np.logical_or.reduce([owners > 0, *pieces])
     twin = draw_twin(scene, library)
     write_bytes(folder / TWIN, encode_png(twin.color))

@@ -1,4 +1,4 @@
-"""How good a segmentation is against the truth: overlaps, F1, splits and merges. Pure functions of labels."""
+"""Segmentation metrics against ground truth: overlaps, F1, splits and merges. Pure functions of labels."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ def scipy_module(module: str) -> Any:
 
 @dataclass(frozen=True)
 class Overlaps:
-    """How segments and objects share pixels.
+    """Pixels shared by segments and objects.
 
     Attributes:
         truths: (T,) labels of the objects that count.
@@ -94,17 +94,17 @@ class SegmentationScore:
 
     @property
     def mean_iou(self) -> float:
-        """Mean intersection over union of matched instances; NaN where none is matched."""
+        """Mean intersection over union of matched instances; NaN without a match."""
         return self.iou_of_matched / self.hits[0] if self.hits[0] else float("nan")
 
     @property
     def mean_iou_of_objects(self) -> float:
-        """Mean over all objects, those that no segment is assigned to count 0."""
+        """Mean over all objects; an object without a segment counts 0."""
         return self.iou_of_objects / self.objects if self.objects else float("nan")
 
     @property
     def f1(self) -> tuple[float, float]:
-        """F1 of the instances at 0.5 and 0.75; 1 where there is nothing and nothing was found."""
+        """F1 of the instances at 0.5 and 0.75; 1 without objects and segments."""
         both = self.objects + self.segments
         return (2 * self.hits[0] / both, 2 * self.hits[1] / both) if both else (1.0, 1.0)
 
@@ -119,18 +119,18 @@ class SegmentationScore:
         return self.merged / max(self.objects, 1)
 
 
-def overlaps(found: Labels, truth: Labels, ignored: frozenset[int] = frozenset()) -> Overlaps:
+def overlaps(predicted: Labels, truth: Labels, ignored: frozenset[int] = frozenset()) -> Overlaps:
     """Compare two (H, W) label pictures, 0 = background.
 
     Args:
-        found: the segments.
+        predicted: the segments.
         truth: the objects.
         ignored: labels of objects that need not be found; segments that lie mostly in them do not count either.
     """
-    if found.shape != truth.shape:
-        raise ValueError(f"segments of shape {found.shape} cannot be compared with a truth of shape {truth.shape}")
-    rows, columns = int(truth.max(initial=0)) + 1, int(found.max(initial=0)) + 1
-    pairs = truth.astype(np.int64).ravel() * columns + found.ravel()
+    if predicted.shape != truth.shape:
+        raise ValueError(f"segments of shape {predicted.shape} cannot be compared with a truth of shape {truth.shape}")
+    rows, columns = int(truth.max(initial=0)) + 1, int(predicted.max(initial=0)) + 1
+    pairs = truth.astype(np.int64).ravel() * columns + predicted.ravel()
     table = np.bincount(pairs, minlength=rows * columns).reshape(rows, columns)
     sizes, areas = table.sum(axis=1), table.sum(axis=0)
     passed = np.array([label in ignored for label in range(rows)], np.bool_)
@@ -140,23 +140,26 @@ def overlaps(found: Labels, truth: Labels, ignored: frozenset[int] = frozenset()
     return Overlaps(truths, segments, table[np.ix_(truths, segments)], sizes[truths], areas[segments])
 
 
-def score_segmentation(found: Labels, truth: Labels, ignored: frozenset[int] = frozenset()) -> SegmentationScore:
-    """Score the segments ``found`` (H, W) against the objects ``truth`` (H, W); see `overlaps` for ``ignored``.
+def score_segmentation(predicted: Labels, truth: Labels, ignored: frozenset[int] = frozenset()) -> SegmentationScore:
+    """Score the segments ``predicted`` (H, W) against the objects ``truth`` (H, W); see `overlaps` for ``ignored``.
 
     Splits and merges follow the idea of Hoover et al., "An experimental comparison of range image segmentation
     algorithms", 1996.
     """
-    common = overlaps(found, truth, ignored)
+    common = overlaps(predicted, truth, ignored)
     pairs, ious = common.pairs(), common.ious
     assigned = np.array([ious[pair] for pair in pairs])
+    fragment = common.shared >= FRAGMENT * common.truth_areas[:, None]
+    mostly = common.shared >= MOSTLY * common.segment_areas[None]
+    larger = common.shared > MOSTLY * common.truth_areas[:, None]
     return SegmentationScore(
         objects=len(common.truths),
         segments=len(common.segments),
         hits=(int((assigned >= MATCHED).sum()), int((assigned >= 0.75).sum())),
         iou_of_matched=float(assigned[assigned >= MATCHED].sum()),
         iou_of_objects=float(assigned.sum()),
-        split=_split(common),
-        merged=_merged(common),
+        split=int(((fragment & mostly).sum(axis=1) >= 2).sum()),
+        merged=int(larger[:, larger.sum(axis=0) >= 2].any(axis=1).sum()),
     )
 
 
@@ -164,25 +167,14 @@ def sum_scores(scores: Sequence[SegmentationScore]) -> SegmentationScore:
     """The score of several pictures together, each object counting alike."""
 
     def add(name: str) -> int:
-        return sum(getattr(one, name) for one in scores)
+        return sum(getattr(score, name) for score in scores)
 
     return SegmentationScore(
         objects=add("objects"),
         segments=add("segments"),
-        hits=(sum(one.hits[0] for one in scores), sum(one.hits[1] for one in scores)),
-        iou_of_matched=sum(one.iou_of_matched for one in scores),
-        iou_of_objects=sum(one.iou_of_objects for one in scores),
+        hits=(sum(score.hits[0] for score in scores), sum(score.hits[1] for score in scores)),
+        iou_of_matched=sum(score.iou_of_matched for score in scores),
+        iou_of_objects=sum(score.iou_of_objects for score in scores),
         split=add("split"),
         merged=add("merged"),
     )
-
-
-def _split(common: Overlaps) -> int:
-    fragment = common.shared >= FRAGMENT * common.truth_areas[:, None]
-    mostly = common.shared >= MOSTLY * common.segment_areas[None]
-    return int(((fragment & mostly).sum(axis=1) >= 2).sum())
-
-
-def _merged(common: Overlaps) -> int:
-    larger = common.shared > MOSTLY * common.truth_areas[:, None]
-    return int(larger[:, larger.sum(axis=0) >= 2].any(axis=1).sum())

@@ -7,18 +7,17 @@ import numpy.typing as npt
 import trimesh
 
 from evals.synthesis.camera import random_camera
-from evals.synthesis.drawing import PerfectImage, draw_scene
+from evals.synthesis.drawing import draw_scene
 from evals.synthesis.scenery import random_scenery
 from evals.synthesis.sensors import SENSORS, SensorKind
 from evals.synthesis.sensors.common import noisy_rgb
 from grs_agents.base import Quat
-from grs_agents.library.asset import Asset
 from grs_agents.library.library import Library
-from grs_agents.library.posed_meshes import Triangles, build_posed_triangles
+from grs_agents.library.posed_meshes import build_posed_triangles
 from grs_agents.perception.asset_surfaces import Tree
 from grs_agents.perception.segmentation.candidates import measure_candidates
 from grs_agents.perception.shapes.types import ObjectShape, ObjectView, make_object_view
-from grs_agents.perception.types import Array, Camera, RGBDFrame, TableFrame
+from grs_agents.perception.types import Array, RGBDFrame, TableFrame
 
 _PLACE = (0.5, 0.0)
 _TILTS = (25.0, 70.0)
@@ -36,24 +35,23 @@ class KnownObject:
     sensor: SensorKind
     view: ObjectView
     surface: Array  # (N, 3) points all over its true surface, object frame, m
-    hidden: npt.NDArray[np.bool_]  # (N,) which of them the camera does not see
+    hidden: npt.NDArray[np.bool_]  # (N,) occluded from the camera
 
 
 def photograph_known(number: int, seed: int, library: Library) -> KnownObject | None:
     """An asset, standing or lying, from a camera that looks down 25 to 70 degrees; the sensors take turns by number.
 
-    ``None`` where the sensor measures too little to find the object at all.
+    ``None`` if the sensor measures too little of the object.
     """
-    assets = [one for one in library.everyday_assets() if one.category != "proxy"]
+    assets = [asset for asset in library.everyday_assets() if asset.category != "proxy"]
     rng = np.random.default_rng((seed, number))
     asset = assets[int(rng.integers(len(assets)))]
-    return _photograph(asset, list(SENSORS)[number % len(SENSORS)], library, rng)
-
-
-def _photograph(asset: Asset, sensor: SensorKind, library: Library, rng: np.random.Generator) -> KnownObject | None:
+    sensor = list(SENSORS)[number % len(SENSORS)]
     turn = _LYING if rng.random() < 0.3 and not asset.hollow else _STANDING
     yaw = float(rng.uniform(-np.pi, np.pi))
-    turned = _turned(yaw, turn)
+    w, z = float(np.cos(yaw / 2)), float(np.sin(yaw / 2))
+    x1, y1, z1, w1 = turn
+    turned = (w * x1 - z * y1, w * y1 + z * x1, w * z1 + z * w1, w * w1 - z * z1)
     triangles = build_posed_triangles([(asset.name, ((0.0, 0.0, 0.0), turned))], library)
     low, high = triangles.corners.min(axis=(0, 1)), triangles.corners.max(axis=(0, 1))
     place = (*(np.array(_PLACE) - (low[:2] + high[:2]) / 2).tolist(), -float(low[2]))
@@ -68,40 +66,25 @@ def _photograph(asset: Asset, sensor: SensorKind, library: Library, rng: np.rand
     if (depth[mask] > 0).mean() < 0.3:
         return None
     candidate = measure_candidates(frame, table, mask.astype(np.int32))[0]
-    view = make_object_view(frame, table, mask, candidate.upright, _noise(seen, depth), candidate.hollow)
-    surface, hidden = _true_surface(triangles, camera, seen)
-    to_object = view.T_object_cam @ np.linalg.inv(np.asarray(camera.T_robot_cam))
-    return KnownObject(asset.name, sensor, view, surface @ to_object[:3, :3].T + to_object[:3, 3], hidden)
-
-
-def _turned(yaw: float, turn: Quat) -> Quat:
-    """The quaternion of a rotation followed by a rotation about z."""
-    w, z = float(np.cos(yaw / 2)), float(np.sin(yaw / 2))
-    x1, y1, z1, w1 = turn
-    return (w * x1 - z * y1, w * y1 + z * x1, w * z1 + z * w1, w * w1 - z * z1)
-
-
-def _noise(seen: PerfectImage, depth: npt.NDArray[np.float32]) -> float:
-    """Standard deviation of the depth of the table around the object, without outliers, m."""
-    table = (seen.labels == 0) & (depth > 0) & (np.abs(seen.depth - np.median(seen.depth[seen.labels == 1])) < 0.1)
-    return max(1.4826 * float(np.median(np.abs(depth - seen.depth)[table])), 0.0005)
-
-
-def _true_surface(triangles: Triangles, camera: Camera, seen: PerfectImage) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """Points all over the surface, robot frame, and which of them are hidden."""
+    # Deviation of the depth of the table around the object, without outliers.
+    around = (seen.labels == 0) & (depth > 0) & (np.abs(seen.depth - np.median(seen.depth[seen.labels == 1])) < 0.1)
+    noise = max(1.4826 * float(np.median(np.abs(depth - seen.depth)[around])), 0.0005)
+    view = make_object_view(frame, table, mask, candidate.upright, noise, candidate.hollow)
     solid = trimesh.Trimesh(triangles.corners.reshape(-1, 3), np.arange(3 * len(triangles.corners)).reshape(-1, 3))
     points = np.asarray(trimesh.sample.sample_surface(solid, _SAMPLES, seed=0)[0], np.float64)
     pose = np.asarray(camera.T_robot_cam)
     local = (points - pose[:3, 3]) @ pose[:3, :3]
     column = np.rint(local[:, 0] / local[:, 2] * camera.fx + camera.cx).astype(int).clip(0, camera.width - 1)
     row = np.rint(local[:, 1] / local[:, 2] * camera.fy + camera.cy).astype(int).clip(0, camera.height - 1)
-    return points, np.asarray(local[:, 2] > seen.depth[row, column] + TOLERANCE)
+    hidden = np.asarray(local[:, 2] > seen.depth[row, column] + TOLERANCE)
+    to_object = view.T_object_cam @ np.linalg.inv(np.asarray(camera.T_robot_cam))
+    return KnownObject(asset.name, sensor, view, points @ to_object[:3, :3].T + to_object[:3, 3], hidden)
 
 
 def shape_score(known: KnownObject, shape: ObjectShape | None) -> tuple[float, float]:
     """F-score of the whole surface at 6 mm, and the share of the hidden side that the shape has within 6 mm.
 
-    Where there is no shape, the measured box stands.
+    Without a shape, the measured box is scored.
     """
     if shape is not None:
         solid = trimesh.Trimesh(shape.mesh.vertices, shape.mesh.faces, process=False)

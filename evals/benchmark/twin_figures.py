@@ -1,6 +1,5 @@
 """A run's scene against the ground truth: coverage, false objects, matches, and the appearance of the twin."""
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import cv2
@@ -16,7 +15,7 @@ from grs_agents.library.library import Library
 from grs_agents.library.shapes import matrix_from_quaternion
 from grs_agents.perception.asset_surfaces import Tree, asset_surface_at_pose, find_asset_symmetry
 from grs_agents.perception.image_geometry import Labels
-from grs_agents.perception.types import Array, Mask, SceneObject
+from grs_agents.perception.types import Mask, SceneObject
 from grs_agents.sim.instance.task_instance import InstanceObject
 from grs_agents.sim.motion.grasp import find_grasp
 from grs_agents.sim.world.budget import Budget
@@ -25,26 +24,26 @@ from grs_agents.sim.world.footprints import object_prism_at_pose
 from grs_agents.sim.world.physics import Physics
 
 _FREE = (0.5, 0.0)
-"""Metres: in front of the robot."""
+"""A free place in front of the robot, m."""
 _SAMPLES = 400
-"""Of an asset's points, that tell its diameter."""
+"""Largest number of an asset's points for its diameter."""
 
 
 def first_of_same_look(library: Library) -> dict[str, str]:
-    """For each asset the first of those that look exactly like it, which no method can tell from it."""
+    """The first asset of the same appearance, by asset name: no method can distinguish them."""
     first: dict[str, str] = {}
-    found: dict[str, str] = {}
+    representative: dict[str, str] = {}
     for asset in library.everyday_assets():
         looks = repr(library.load_object_model(asset.name).visuals)
-        found[asset.name] = first.setdefault(looks, asset.name)
-    return found
+        representative[asset.name] = first.setdefault(looks, asset.name)
+    return representative
 
 
 def run_figures(scene: LabelledScene, segments: Labels, run: SceneRun) -> RunFigures:
     """The figures of the whole scene.
 
     Args:
-        scene: with its truth.
+        scene: the labelled scene.
         segments: (H, W) result of the segment tool.
         run: its result.
     """
@@ -67,17 +66,31 @@ def run_figures(scene: LabelledScene, segments: Labels, run: SceneRun) -> RunFig
 
 
 def twin_figures(scene: LabelledScene, run: SceneRun, library: Library) -> dict[int, dict[str, object]]:
-    """The figures, as `ObjectFigures` has them, of each true object that something stands for, by its label."""
+    """Figures of each true object with a stand-in, named as in `ObjectFigures`, by label."""
     partner = overlaps(run.owners, scene.labels, scene.ignored()).matched()
-    known, looks = {one.id: one for one in scene.truth.objects}, first_of_same_look(library)
-    depth, calibrated = _true_depth(scene), scene.frame.camera.T_robot_cam is not None
-    found: dict[int, dict[str, object]] = {}
+    known, looks = {item.id: item for item in scene.truth.objects}, first_of_same_look(library)
+    camera, file = scene.frame.camera, Path(scene.frame.source) / "depth_true.png"
+    depth = np.asarray(scene.frame.depth, np.float64)
+    if file.is_file():  # without noise
+        depth = np.asarray(cv2.imread(str(file), cv2.IMREAD_UNCHANGED), np.float64) * camera.depth_scale
+    figures: dict[int, dict[str, object]] = {}
     for item in run.scene.objects:
         if (label := partner.get(item.id)) is None:
             continue
-        one = known.get(label, TrueObject(id=label))
-        right = _is_right(item, one, looks)
-        found[label] = {
+        true_object = known.get(label, TrueObject(id=label))
+        right = None  # without an asset or ground truth
+        if item.matched and (true_object.asset or true_object.absent):
+            true_look = looks.get(true_object.asset, true_object.asset)
+            right = bool(true_object.asset) and looks.get(item.asset, item.asset) == true_look
+        rows, columns = run.twin.owner.shape
+        fixed = np.zeros(scene.labels.shape, np.bool_) if scene.fixed is None else scene.fixed
+        free = ~_resized(fixed | scene.unlabelled, rows, columns)
+        drawn = (run.twin.owner == item.id) & free
+        shown = _resized(scene.labels == label, rows, columns) & free
+        both, either = drawn & shown, int((drawn | shown).sum())
+        true = np.asarray(cv2.resize(depth, (columns, rows), interpolation=cv2.INTER_NEAREST))
+        errors = np.abs(run.twin.depth[both] - true[both])[true[both] > 0]
+        figures[label] = {
             "stands": "asset" if item.matched else "shape",
             "right": right,
             "confidence": item.match.confidence if item.matched and item.match is not None else None,
@@ -85,18 +98,12 @@ def twin_figures(scene: LabelledScene, run: SceneRun, library: Library) -> dict[
             "tilt": _tilt(item),
             "held": item.held,
             "seat": None if item.matched else _has_seat(item.asset, run.library),
-            **_looks(item.id, scene, label, run, depth),
+            "silhouette": int(both.sum()) / either if either else 0.0,
+            "depth_error": float(np.percentile(errors, 90)) if len(errors) else None,
         }
-        if right and calibrated:
-            found[label] |= _pose_errors(one, item, library)
-    return found
-
-
-def _is_right(item: SceneObject, one: TrueObject, looks: Mapping[str, str]) -> bool | None:
-    """Whether the asset is that of the object; ``None`` without an asset, or where nobody knows."""
-    if not item.matched or not (one.asset or one.absent):
-        return None
-    return bool(one.asset) and looks.get(item.asset, item.asset) == looks.get(one.asset, one.asset)
+        if right and camera.T_robot_cam is not None:
+            figures[label] |= _pose_errors(true_object, item, library)
+    return figures
 
 
 def _tilt(item: SceneObject) -> float | None:
@@ -108,37 +115,11 @@ def _tilt(item: SceneObject) -> float | None:
 
 
 def _has_seat(asset: str, library: Library) -> bool:
-    """Whether the suction cup finds a place to hold an object that stands by itself."""
+    """True if the suction cup finds a grasp on the object, alone on the table."""
     model = library.load_object_model(asset)
     alone = [InstanceObject(id=0, asset=asset, pose=((*_FREE, -model.bounds[0][2]), (0.0, 0.0, 0.0, 1.0)))]
     physics = Physics(build_world(alone, library), Budget(), alone)
     return find_grasp(physics, 0, object_prism_at_pose(model, alone[0].pose, 0)).point is not None
-
-
-def _true_depth(scene: LabelledScene) -> Array:
-    """(H, W) m, without noise where the scene folder holds it; 0 where nothing is known."""
-    file = Path(scene.frame.source) / "depth_true.png"
-    if not file.is_file():
-        return np.asarray(scene.frame.depth, np.float64)
-    return np.asarray(cv2.imread(str(file), cv2.IMREAD_UNCHANGED), np.float64) * scene.frame.camera.depth_scale
-
-
-def _looks(number: int, scene: LabelledScene, label: int, run: SceneRun, depth: Array) -> dict[str, object]:
-    """An object of the twin from the photo's camera: intersection over union of its visible pixels with the object's
-    pixels in the photo, without those of robot, walls and unlabelled areas; and the 90th percentile of the depth
-    error."""
-    rows, columns = run.twin.owner.shape
-    fixed = np.zeros(scene.labels.shape, np.bool_) if scene.fixed is None else scene.fixed
-    free = ~_resized(fixed | scene.unlabelled, rows, columns)
-    drawn = (run.twin.owner == number) & free
-    shown = _resized(scene.labels == label, rows, columns) & free
-    both, either = drawn & shown, int((drawn | shown).sum())
-    true = np.asarray(cv2.resize(depth, (columns, rows), interpolation=cv2.INTER_NEAREST))
-    errors = np.abs(run.twin.depth[both] - true[both])[true[both] > 0]
-    return {
-        "silhouette": int(both.sum()) / either if either else 0.0,
-        "depth_error": float(np.percentile(errors, 90)) if len(errors) else None,
-    }
 
 
 def _resized(mask: Mask, rows: int, columns: int) -> Mask:
@@ -146,18 +127,20 @@ def _resized(mask: Mask, rows: int, columns: int) -> Mask:
     return np.asarray(small) > 0
 
 
-def _pose_errors(one: TrueObject, item: SceneObject, library: Library) -> dict[str, object]:
+def _pose_errors(true_object: TrueObject, item: SceneObject, library: Library) -> dict[str, object]:
     """Errors of the resting pose of an asset.
 
     ``adds`` is ADD-S as a share of the diameter: the mean distance of the true surface's points to the placed
     surface (Hinterstoisser et al., "Model based training, detection and pose estimation of texture-less 3D
     objects in heavily cluttered scenes", ACCV 2012).
     """
-    rotation, (center, turned) = one.rotation, item.settled or (item.position, item.orientation)
-    if one.position is None or rotation is None:
+    rotation, (center, turned) = true_object.rotation, item.settled or (item.position, item.orientation)
+    if true_object.position is None or rotation is None:
         return {}
-    true, symmetry = matrix_from_quaternion(rotation), find_asset_symmetry(one.asset, library)
-    x, y, z = (true @ np.mean(library.load_object_model(one.asset).bounds, axis=0) + one.position).tolist()
+    true, symmetry = matrix_from_quaternion(rotation), find_asset_symmetry(true_object.asset, library)
+    x, y, z = (
+        true @ np.mean(library.load_object_model(true_object.asset).bounds, axis=0) + true_object.position
+    ).tolist()
     return {
         "position": float(np.linalg.norm(np.subtract(center, (x, y, z)))),
         "angle": symmetry.rotation_error_degrees(matrix_from_quaternion(turned), true),

@@ -80,8 +80,7 @@ class RunFigures(Frozen):
             share of the true objects' measured pixels that belongs to objects.
         refused: reason of a rejection; empty if accepted.
         fixed_as_objects: objects that are mostly robot or wall; ``None`` if unknown.
-        right_segments, kept_segments: true objects matched by a segment; those of them also matched by an object of the
-            twin.
+        right_segments, kept_segments: true objects matched by a segment; and, of these, by an object of the twin too.
         cpu_seconds: of the whole run, offline models included.
     """
 
@@ -174,10 +173,10 @@ def dumped(result: Result) -> dict[str, Any]:
 
 
 def result_file(out: Path, name: str) -> Path:
-    """Where the result of a scene is kept; ``NAME.png`` beside it holds the segments."""
+    """File of a scene's result; ``NAME.png`` beside it holds the segments."""
     return out / "scenes" / f"{name}.json"
 
 
 def run_folder(out: Path, name: str) -> Path:
-    """Where the run of a scene and the pictures of its twin are kept."""
+    """Folder of a scene's run and the pictures of its twin."""
     return out / "runs" / name

@@ -29,8 +29,8 @@ def _swap(pattern: str, replacement: str, count: int = 1) -> Edit:
 
     def apply(source: str, rng: random.Random) -> str | None:
         del rng
-        text, found = re.subn(pattern, replacement, source, count=count, flags=re.M)
-        return text if found and text != source else None
+        text, replaced = re.subn(pattern, replacement, source, count=count, flags=re.M)
+        return text if replaced and text != source else None
 
     return apply
 
@@ -52,10 +52,10 @@ def _overlap(source: str, rng: random.Random) -> str | None:
     added = [match for match in _ADDED.finditer(source) if '"fixed"' not in match[0]]
     if len(added) < 2:
         return None
-    one, other = rng.sample(added, 2)
-    x, y, z = one["xyz"].split(",")
+    first, second = rng.sample(added, 2)
+    x, y, z = first["xyz"].split(",")
     beside = f"{float(x) + 0.008:.3f}, {float(y) + 0.005:.3f},{z}"
-    return source.replace(other["xyz"], beside)
+    return source.replace(second["xyz"], beside)
 
 
 def _left_out_of_goal(source: str, rng: random.Random) -> str | None:
@@ -104,19 +104,19 @@ def _swapped_goals(source: str, rng: random.Random) -> str | None:
     """Two objects take each other's part in the goals."""
     rows = list(re.finditer(r"^            \((\w+), \"[^\n]*\),\n", source, re.M))
     if len(rows) > 1:
-        one, other = rng.sample([row[1] for row in rows], 2)
+        first, second = rng.sample([row[1] for row in rows], 2)
     else:
         begin = source.find("add_goal")
         lists = [match[1].split(", ") for match in _LISTS.finditer(source, begin)]
         names = sorted({name for row in lists for name in row})
         if len(lists) < 2 or len(names) < 3:
             return None
-        one, other = rng.choice(lists[0]), rng.choice(lists[1])
-        if one == other:
+        first, second = rng.choice(lists[0]), rng.choice(lists[1])
+        if first == second:
             return None
     begin = source.find("add_goal") if len(rows) < 2 else rows[0].start()
-    swap = {one: other, other: one}
-    goals = re.sub(rf"\b({one}|{other})\b(?=[,\]])", lambda match: swap[match[1]], source[begin:])
+    swap = {first: second, second: first}
+    goals = re.sub(rf"\b({first}|{second})\b(?=[,\]])", lambda match: swap[match[1]], source[begin:])
     return source[:begin] + goals if goals != source[begin:] else None
 
 
@@ -125,20 +125,20 @@ def _other_place(source: str, rng: random.Random) -> str | None:
     places = sorted(set(re.findall(r"params=\[\((\w+_pose), \w+\)\]", source)))
     if len(places) < 2:
         return None
-    one, other = rng.sample(places, 2)
-    return source.replace(f"targ_poses=[{one}]", f"targ_poses=[{other}]").replace(
-        f"params=[({one},", f"params=[({other},"
+    first, second = rng.sample(places, 2)
+    return source.replace(f"targ_poses=[{first}]", f"targ_poses=[{second}]").replace(
+        f"params=[({first},", f"params=[({second},"
     )
 
 
 def _moved_container(source: str, rng: random.Random) -> str | None:
     """The container does not stand where the photo shows it."""
-    found = re.search(r"(?:container|bowl)/\w+\.urdf\", \(\((\d\.\d+), (-?\d\.\d+),", source)
-    if not found:
+    match = re.search(r"(?:container|bowl)/\w+\.urdf\", \(\((\d\.\d+), (-?\d\.\d+),", source)
+    if not match:
         return None
-    x, y = float(found[1]), float(found[2])
+    x, y = float(match[1]), float(match[2])
     moved = f"{x - 0.13:.3f}, {y:.3f}," if rng.random() < 0.5 else f"{x:.3f}, {y - 0.06:.3f},"
-    return source.replace(found[0], found[0].replace(f"{found[1]}, {found[2]},", moved))
+    return source.replace(match[0], match[0].replace(f"{match[1]}, {match[2]},", moved))
 
 
 def _twice(source: str, rng: random.Random) -> str | None:
@@ -153,12 +153,12 @@ def _twice(source: str, rng: random.Random) -> str | None:
 
 def _two_goals(source: str, rng: random.Random) -> str | None:
     """An object of a later goal is asked into the container first."""
-    found = re.search(r"inside\(\[([^\]]+)\], ", source)
+    quoted = re.search(r"inside\(\[([^\]]+)\], ", source)
     names = [match["name"] for match in _ADDED.finditer(source) if '"fixed"' not in match[0]]
-    others = [name for name in names if found and name not in found[1].split(", ")]
-    if not found or not others or "for item" in source:
+    others = [name for name in names if quoted and name not in quoted[1].split(", ")]
+    if not quoted or not others or "for item" in source:
         return None
-    return source.replace(found[0], f"inside([{found[1]}, {others[-1]}], ")
+    return source.replace(quoted[0], f"inside([{quoted[1]}, {others[-1]}], ")
 
 
 def _made_fixed(source: str, rng: random.Random) -> str | None:
@@ -182,10 +182,10 @@ def _shifted_expectation(source: str, rng: random.Random) -> str | None:
 
 
 def _wrong_count(source: str, rng: random.Random) -> str | None:
-    found = re.search(r"assertEqual\((?:self\.)?(?:steps|len\(rewards\)), (\d)", source)
-    if not found:
+    match = re.search(r"assertEqual\((?:self\.)?(?:steps|len\(rewards\)), (\d)", source)
+    if not match:
         return None
-    return source.replace(found[0], found[0][:-1] + str(int(found[1]) + rng.choice([-1, 1])))
+    return source.replace(match[0], match[0][:-1] + str(int(match[1]) + rng.choice([-1, 1])))
 
 
 def _no_assertions(source: str, rng: random.Random) -> str | None:

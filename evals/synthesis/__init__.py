@@ -1,4 +1,4 @@
-"""Synthesised scenes with everything known about them, to measure perception on."""
+"""Synthesised scenes with full ground truth, to measure perception."""
 
 from evals.synthesis.clutter import SynthesisError
 from evals.synthesis.scene import Recipe, SynthesisedScene, recipes, synthesise

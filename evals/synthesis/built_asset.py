@@ -39,10 +39,10 @@ class BuiltAsset:
 
 def write_assets(root: Path, built: Sequence[BuiltAsset]) -> tuple[str, ...]:
     """Write assets with a manifest into the library folder ``root``; gives their names."""
-    for one in built:
-        one.write(root)
-    write_json(root / MANIFEST, AssetManifest(assets=tuple(one.asset for one in built)).model_dump(mode="json"))
-    return tuple(one.asset.name for one in built)
+    for asset in built:
+        asset.write(root)
+    write_json(root / MANIFEST, AssetManifest(assets=tuple(asset.asset for asset in built)).model_dump(mode="json"))
+    return tuple(asset.asset.name for asset in built)
 
 
 def build_asset(

@@ -1,4 +1,4 @@
-"""Where the camera is: its tilt towards the table, its bearing, distance, roll and focal length."""
+"""Random camera poses: downward tilt, bearing, distance, roll and focal length."""
 
 import numpy as np
 import numpy.typing as npt
@@ -9,7 +9,7 @@ from grs_agents.perception.types import Camera
 Floats = npt.NDArray[np.float64]
 MILLIMETRE = 0.001
 LOWEST_TILT, HIGHEST_TILT = 20.0, 90.0
-"""Degrees that the camera looks down: 90 is straight from above."""
+"""Downward tilt, degrees: 90 is straight from above."""
 _ROLL = 4.0
 
 
@@ -17,7 +17,7 @@ def random_camera(tilt: float, target: Vec3, size: tuple[int, int], rng: np.rand
     """A calibrated camera that looks at about ``target``.
 
     Args:
-        tilt: how far it looks down, degrees.
+        tilt: downward, degrees.
         target: m, robot frame.
         size: width and height of the picture in pixels.
         rng: source of bearing, distance (0.75 to 1.1 m), roll (4 degrees) and focal length (0.8 to 0.96 of the width).
@@ -46,7 +46,7 @@ def camera_rotation(bearing: float, tilt: float, roll: float) -> Floats:
 
     Args:
         bearing: of the view over the table, rad from x towards y.
-        tilt: how far it looks down, rad.
+        tilt: downward, rad.
         roll: about its own axis, rad.
     """
     forward = np.array([np.cos(tilt) * np.cos(bearing), np.cos(tilt) * np.sin(bearing), -np.sin(tilt)])

@@ -13,7 +13,7 @@ from grs_agents.base.mujoco_import import mujoco
 from grs_agents.library.library import Library
 from grs_agents.library.shapes import matrix_from_quaternion, quaternion_from_rpy
 from grs_agents.sim.instance.task_instance import InstanceObject
-from grs_agents.sim.world.compilation import World, build_world, reset_world_to_poses
+from grs_agents.sim.world.compilation import build_world, reset_world_to_poses
 
 Floats = npt.NDArray[np.float64]
 CENTER: Final = (0.5, 0.0)
@@ -24,8 +24,9 @@ _ATTEMPTS: Final = 12
 _LONGEST: Final = 5.0
 """Simulated seconds in which everything has to come to rest."""
 _STILL: Final = 0.01
+"""Speed below which an object rests, m/s."""
 _CHUNK: Final = 50
-"""Whether everything rests (m/s) is looked at each so many steps."""
+"""Simulation steps between two checks for rest."""
 _STACKED: Final = 0.3
 """Share of the objects that are stacked on others; another tenth is dropped in any orientation."""
 _HIGHEST: Final = 0.14
@@ -84,8 +85,9 @@ def _arranged(assets: Sequence[str], library: Library, rng: np.random.Generator)
         upper = order >= (1 - _STACKED) * len(assets)
         standing = library.asset(assets[index]).hollow
         turned = _rotation(rng, standing, any_way=upper and bool(rng.random() < _STACKED))
-        low, high = _box_of(bounds, turned)
-        lower = [one for one in placed if one[2] < _HIGHEST]
+        corners = np.array(np.meshgrid(*bounds.T)).reshape(3, -1).T @ matrix_from_quaternion(turned).T
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        lower = [box for box in placed if box[2] < _HIGHEST]
         x, y = _spot(low, high, lower if upper and lower else placed, spread, upper, rng)
         shift = np.array([x, y, 0.0])
         under = [top for (least, most, top) in placed if _over(low + shift, high + shift, least, most)]
@@ -108,12 +110,6 @@ def _rotation(rng: np.random.Generator, standing: bool, any_way: bool) -> Quat:
         return quaternion_from_rpy(roll, pitch, yaw)
     side = rng.choice(3, p=[0.66, 0.17, 0.17])
     return quaternion_from_rpy(np.pi / 2 if side == 1 else 0.0, np.pi / 2 if side == 2 else 0.0, yaw)
-
-
-def _box_of(bounds: Floats, rotation: Quat) -> tuple[Floats, Floats]:
-    """Lowest and highest corner of the turned bounds (2, 3)."""
-    corners = np.array(np.meshgrid(*bounds.T)).reshape(3, -1).T @ matrix_from_quaternion(rotation).T
-    return corners.min(axis=0), corners.max(axis=0)
 
 
 def _spot(
@@ -144,11 +140,18 @@ def _over(low: Floats, high: Floats, least: Floats, most: Floats) -> bool:
 
 
 def _settled(items: Sequence[InstanceObject], library: Library) -> list[Pose] | None:
-    """Poses after everything came to rest; None where something rolled away, or does not rest."""
+    """Poses of all objects at rest; None if an object rolled away or does not come to rest."""
     world = build_world(items, library)
     reset_world_to_poses(world, items)
-    _prepare(world)
     model, data = world.model, world.data
+    owners = np.asarray(world.owners)
+    robot = owners < 0  # its geoms collide with nothing
+    robot[model.geom("table").id] = False
+    model.geom_contype[robot], model.geom_conaffinity[robot] = 0, 0
+    model.geom_condim[owners >= 0] = 6  # damping, so that rolling objects come to rest
+    model.geom_friction[owners >= 0, 2] = 0.004
+    model.opt.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
+    model.opt.impratio = 1.0
     first, still = world.arm.dof, 0
     for _ in range(int(_LONGEST / model.opt.timestep / _CHUNK)):
         mujoco.mj_step(model, data, _CHUNK)
@@ -162,19 +165,6 @@ def _settled(items: Sequence[InstanceObject], library: Library) -> list[Pose] | 
     offsets = np.array([position for position, _ in poses]) - (*CENTER, 0.0)
     inside = (np.linalg.norm(offsets[:, :2], axis=1) < REACH).all() and (offsets[:, 2] > 0).all()
     return poses if inside else None
-
-
-def _prepare(world: World) -> None:
-    """Remove the robot, and add damping so that rolling objects come to rest."""
-    model = world.model
-    owners = np.asarray(world.owners)
-    robot = owners < 0
-    robot[model.geom("table").id] = False
-    model.geom_contype[robot], model.geom_conaffinity[robot] = 0, 0
-    model.geom_condim[owners >= 0] = 6
-    model.geom_friction[owners >= 0, 2] = 0.004
-    model.opt.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
-    model.opt.impratio = 1.0
 
 
 def _pose(data: Any, body: int) -> Pose:

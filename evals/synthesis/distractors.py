@@ -40,7 +40,9 @@ def build_distractors(count: int, rng: np.random.Generator) -> list[BuiltAsset]:
 
 def _build(number: int, rng: np.random.Generator) -> BuiltAsset:
     kind = str(rng.choice(sorted(_KINDS)))
-    draft, color = _KINDS[kind](rng), _color(rng)
+    draft = _KINDS[kind](rng)
+    saturation, value = float(rng.choice([0.05, rng.uniform(0.3, 0.9)], p=[0.3, 0.7])), float(rng.uniform(0.06, 0.95))
+    color = (*colorsys.hsv_to_rgb(float(rng.random()), saturation, value), 1.0)
     stem = f"{kind}_{number}"
     meshes: dict[str, str] = {}
 
@@ -65,12 +67,6 @@ def _build(number: int, rng: np.random.Generator) -> BuiltAsset:
         description=f"a {kind} that the library does not hold",
     )
     return build_asset(asset, visuals, colliders, meshes)
-
-
-def _color(rng: np.random.Generator) -> Rgba:
-    """Any hue, from nearly black to nearly white."""
-    saturation, value = float(rng.choice([0.05, rng.uniform(0.3, 0.9)], p=[0.3, 0.7])), float(rng.uniform(0.06, 0.95))
-    return (*colorsys.hsv_to_rgb(float(rng.random()), saturation, value), 1.0)
 
 
 def _vase(rng: np.random.Generator) -> ShapeDraft:

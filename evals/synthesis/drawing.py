@@ -116,7 +116,15 @@ def _rasterised(triangles: Triangles, camera: Camera) -> Buffer:
 
 def _draw(triangles: Triangles, scenery: Scenery, camera: Camera, shiny: Sequence[int]) -> PerfectImage:
     rays, eye = rays_of(camera)
-    depth, albedo, normals = _room(scenery, rays, eye)
+    depth, owner = np.full(len(rays), FARTHEST), np.full(len(rays), -1)
+    for number, surface in enumerate(scenery.surfaces):
+        owner[surface.hit(rays, eye, depth)] = number
+    albedo, normals = np.zeros((len(rays), 3)), np.tile([0.0, 0.0, 1.0], (len(rays), 1))
+    for number, surface in enumerate(scenery.surfaces):
+        mine = np.flatnonzero(owner == number)
+        if len(mine):
+            albedo[mine] = surface.color(eye + rays[mine] * depth[mine, None])
+            normals[mine] = surface.normal
     buffer = _rasterised(triangles, camera)
     triangle = buffer.triangle.ravel()
     seen = np.flatnonzero((triangle >= 0) & (buffer.nearness.ravel() * depth > 1))
@@ -128,7 +136,14 @@ def _draw(triangles: Triangles, scenery: Scenery, camera: Camera, shiny: Sequenc
     units = rays / np.sqrt(_products(rays, rays))[:, None]
     mirror = np.isin(labels, list(shiny)) & (labels > 0)
     lit = _lit(triangles, points, normals, scenery.light)
-    rgb = _shaded(albedo, normals, units, lit, mirror, scenery.light)
+    facing = np.where((_products(units, normals) > 0)[:, None], -normals, normals)
+    around = (0.75 + 0.25 * facing[:, 2])[:, None] * scenery.light.sky
+    lamp = np.clip(dot_products(facing, scenery.light.direction), 0, 1) * lit
+    colors = albedo * (around + lamp[:, None] * scenery.light.lamp)
+    half = scenery.light.direction - units
+    middle = _products(facing, half) / np.maximum(np.sqrt(_products(half, half)), 1e-9)
+    highlight = np.clip(middle, 0, 1) ** _GLOSS * lit * np.where(mirror, 0.7, 0.06)
+    rgb = np.clip(colors + highlight[:, None] * scenery.light.lamp, 0, 1)
     shape = (camera.height, camera.width)
     return PerfectImage(
         rgb=rgb.reshape(*shape, 3),
@@ -138,20 +153,6 @@ def _draw(triangles: Triangles, scenery: Scenery, camera: Camera, shiny: Sequenc
         albedo=albedo.mean(axis=1).reshape(shape),
         shiny=mirror.reshape(shape),
     )
-
-
-def _room(scenery: Scenery, rays: Floats, eye: Floats) -> tuple[Floats, Floats, Floats]:
-    """Depth (N,), colour (N, 3) and normal (N, 3) of the room along each ray; black and far where it is open."""
-    depth, owner = np.full(len(rays), FARTHEST), np.full(len(rays), -1)
-    for number, surface in enumerate(scenery.surfaces):
-        owner[surface.hit(rays, eye, depth)] = number
-    albedo, normals = np.zeros((len(rays), 3)), np.tile([0.0, 0.0, 1.0], (len(rays), 1))
-    for number, surface in enumerate(scenery.surfaces):
-        mine = np.flatnonzero(owner == number)
-        if len(mine):
-            albedo[mine] = surface.color(eye + rays[mine] * depth[mine, None])
-            normals[mine] = surface.normal
-    return depth, albedo, normals
 
 
 def _surface(triangles: Triangles, index: npt.NDArray[np.int64], points: Floats) -> tuple[Floats, Floats]:
@@ -170,7 +171,7 @@ def _surface(triangles: Triangles, index: npt.NDArray[np.int64], points: Floats)
 
 
 def _lit(triangles: Triangles, points: Floats, normals: Floats, light: Light) -> Floats:
-    """(N,) how much of the lamp reaches each point: 0 in full shadow, soft at the edge."""
+    """(N,) share of the lamp's light at each point, from a shadow map with soft edges: 0 in full shadow."""
     side = np.cross((0.0, 1.0, 0.0), light.direction)
     side /= np.linalg.norm(side)
     axes = np.stack([side, np.cross(light.direction, side), light.direction], axis=1)
@@ -192,18 +193,6 @@ def _lit(triangles: Triangles, points: Floats, normals: Floats, light: Light) ->
         total += above.ravel()[place] < level
     lit[near] = total / 9
     return lit
-
-
-def _shaded(albedo: Floats, normals: Floats, units: Floats, lit: Floats, mirror: Bools, light: Light) -> Floats:
-    """Colours (N, 3): ambient light and the lamp's, with a highlight on specular objects."""
-    facing = np.where((_products(units, normals) > 0)[:, None], -normals, normals)
-    around = (0.75 + 0.25 * facing[:, 2])[:, None] * light.sky
-    lamp = np.clip(dot_products(facing, light.direction), 0, 1) * lit
-    colors = albedo * (around + lamp[:, None] * light.lamp)
-    half = light.direction - units
-    middle = _products(facing, half) / np.maximum(np.sqrt(_products(half, half)), 1e-9)
-    highlight = np.clip(middle, 0, 1) ** _GLOSS * lit * np.where(mirror, 0.7, 0.06)
-    return np.clip(colors + highlight[:, None] * light.lamp, 0, 1)
 
 
 def _products(some: Floats, others: Floats) -> Floats:

@@ -85,7 +85,9 @@ def loft(outline: Floats, rings: Sequence[Vec3]) -> Mesh:
     """
     sections = [np.column_stack([outline * (x, y), np.full(len(outline), z)]) for x, y, z in rings]
     widest = outline * np.max([ring[:2] for ring in rings], axis=0)
-    return skin(np.array(sections), _steps(widest))
+    lengths = np.linalg.norm(np.roll(widest, -1, axis=0) - widest, axis=1)
+    total = np.cumsum(lengths)
+    return skin(np.array(sections), np.concatenate([[0.0], total / total[-1]]))
 
 
 def tube(path: Floats, radius: float, across: Vec3, count: int = 10) -> Mesh:
@@ -155,12 +157,6 @@ def _cap(unit: Floats, offset: float) -> Floats:
     u = offset + 0.25 + 0.24 * unit[:, 1]
     v = (1 - STRIP) * (0.5 - 0.48 * unit[:, 0])
     return np.column_stack([u, v])
-
-
-def _steps(polygon: Floats) -> Floats:
-    lengths = np.linalg.norm(np.roll(polygon, -1, axis=0) - polygon, axis=1)
-    total = np.cumsum(lengths)
-    return np.concatenate([[0.0], total / total[-1]])
 
 
 def prism(outline: Floats, low: float, high: float) -> Mesh:

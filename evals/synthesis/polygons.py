@@ -39,8 +39,18 @@ def convex_pieces(outline: Floats) -> list[Floats]:
     merged = True
     while merged:
         merged = False
-        for first, second, joint in _joints(outline, pieces):
-            if _is_convex(outline[list(joint)]):
+        joints: list[tuple[float, Corners, Corners, Corners]] = []
+        sides = {(piece[at - 1], piece[at]): (piece, at) for piece in pieces for at in range(len(piece))}
+        for (start, end), (first, at) in sides.items():
+            if start < end and (end, start) in sides:
+                second, place = sides[end, start]
+                joint = (*first[at:], *first[:at], *(*second[place:], *second[:place])[1:-1])
+                joints.append((-float(np.linalg.norm(outline[end] - outline[start])), first, second, joint))
+        for first, second, joint in [joint[1:] for joint in sorted(joints)]:
+            corners = outline[list(joint)]
+            count = len(corners)
+            turns = [_turn(corners[i - 2], corners[i - 1], corners[i]) for i in range(count)]
+            if min(turns) >= -1e-12:
                 pieces = [piece for piece in pieces if piece not in (first, second)] + [joint]
                 merged = True
                 break
@@ -60,28 +70,10 @@ def _is_ear(outline: Floats, left: list[int], place: int) -> bool:
     a, b, c = outline[list(corners)]
     if _turn(a, b, c) <= 1e-12:
         return False
-    others = [outline[other] for other in left if other not in corners]
+    others = [outline[corner] for corner in left if corner not in corners]
     return not any(min(_turn(a, b, p), _turn(b, c, p), _turn(c, a, p)) >= -1e-12 for p in others)
 
 
 def _fatness(corners: Floats) -> float:
     sides = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
     return area(corners) / float(sides.max()) ** 2
-
-
-def _joints(outline: Floats, pieces: list[Corners]) -> list[tuple[Corners, Corners, Corners]]:
-    """Pairs of pieces with a common side and their union, the longest side first."""
-    found: list[tuple[float, Corners, Corners, Corners]] = []
-    sides = {(piece[at - 1], piece[at]): (piece, at) for piece in pieces for at in range(len(piece))}
-    for (start, end), (first, at) in sides.items():
-        if start < end and (end, start) in sides:
-            second, other = sides[end, start]
-            joint = (*first[at:], *first[:at], *(*second[other:], *second[:other])[1:-1])
-            found.append((-float(np.linalg.norm(outline[end] - outline[start])), first, second, joint))
-    return [joint[1:] for joint in sorted(found)]
-
-
-def _is_convex(corners: Floats) -> bool:
-    count = len(corners)
-    turns = [_turn(corners[i - 2], corners[i - 1], corners[i]) for i in range(count)]
-    return min(turns) >= -1e-12

@@ -1,18 +1,63 @@
 """Products that look like those of the library but are none of them: packages of other print, mugs of other size."""
 
 import colorsys
+import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from evals.synthesis.built_asset import BuiltAsset, build_asset
+from evals.synthesis.colliders import box, cylinder, lifted, ring
 from evals.synthesis.label import Label, Motif
-from evals.synthesis.mugs import mug_parts
+from evals.synthesis.meshes import Mesh, loft, superellipse, tube
 from evals.synthesis.packages import FORMS, Package, build_package
 from grs_agents.base import Vec3
 from grs_agents.library.asset import Asset
 from grs_agents.library.library import Library
 from grs_agents.library.shapes import Rgba, Shape
+
+_MUG_WALL = 0.0035
+
+
+@dataclass(frozen=True)
+class MugParts:
+    """The parts of a mug, around the centre of its box; its handle points to +x. Lengths in m."""
+
+    body: Mesh
+    handle: Mesh
+    colliders: tuple[Shape, ...]
+    size: Vec3
+
+
+def mug_parts(radius: float, height: float, reach: float) -> MugParts:
+    """A mug of this radius and height (m) whose handle reaches ``reach`` m beyond its wall."""
+    profile = (
+        (radius - 0.003, 0.0),
+        (radius, 0.004),
+        (radius, height),
+        (radius - _MUG_WALL, height),
+        (radius - _MUG_WALL, 0.006),
+        (radius - 0.006, 0.005),
+    )
+    body = loft(superellipse(2.0, 32), [(r, r, z) for r, z in profile])
+    middle, half = round(0.505 * height, 3), round(0.284 * height, 3)
+    angles = np.linspace(-0.5 * math.pi, 0.5 * math.pi, 13)
+    arc = np.stack([radius - 0.003 + (reach - 0.002) * np.cos(angles), 0 * angles, middle + half * np.sin(angles)], 1)
+    handle = tube(arc, 0.005, (0.0, 1.0, 0.0))
+    shift: Vec3 = (-reach / 2, 0.0, -height / 2)
+    colliders = (
+        cylinder(radius, 0.006, (0, 0, 0.003)),
+        *ring(radius, 0.004, 0.006, height),
+        box((0.010, 0.010, 2 * half), (radius + reach - 0.005, 0, middle)),
+        *(
+            box((reach - 0.008, 0.010, 0.010), (radius + reach / 2 - 0.005, 0, middle + side * (half - 0.001)))
+            for side in (1, -1)
+        ),
+    )
+    size = (2 * radius + reach, 2 * radius, height)
+    return MugParts(body.moved(shift), handle.moved(shift), lifted(colliders, shift), size)
+
 
 FOLDER = "absent"
 _WORDS = (
@@ -20,10 +65,10 @@ _WORDS = (
     *("VINEGAR", "CRACKERS", "WAFFLES", "CHILI", "SALSA", "PRUNES", "FLOUR", "GELATIN", "MUESLI", "CUSTARD"),
     *("TOMATO PASTE", "COFFEE", "SUGAR", "PEPPER", "SARDINES", "APRICOTS", "PLUM JAM", "GHEE"),
 )
-"""Of no product of the library."""
+"""Names of no product of the library."""
 _MOTIFS: tuple[Motif, ...] = ("disc", "dots", "stripes", "waves", "leaves", "squares")
 _SPANS: Mapping[str, tuple[tuple[float, float], float]] = {"can": ((0.03, 0.97), 1.0), "bottle": ((0.08, 0.6), 0.8)}
-"""Where the label of a form lies, and from where on its side is the lid (fractions of the height)."""
+"""Vertical extent of a form's label, and lower edge of its lid (fractions of the height)."""
 _DENSITY = 700.0
 
 
@@ -52,7 +97,7 @@ def _package(kind: str, form: str, library: Library, rng: np.random.Generator) -
     x, y, z = (round(float(value), 4) for value in np.array(like) * scale)
     span, lid = _SPANS.get(form, ((0.0, 1.0), 1.0))
     base, band, spot, body, cap = (_print_color(rng) for _ in range(5))
-    light = _brightness(base) > 0.55
+    light = float(np.dot([int(text, 16) / 255 for text in _pairs(base)], (0.299, 0.587, 0.114))) > 0.55
     label = Label(
         lines=tuple(str(rng.choice(_WORDS)).split()),
         base=base,
@@ -101,8 +146,3 @@ def _print_color(rng: np.random.Generator) -> str:
 
 def _pairs(color: str) -> tuple[str, str, str]:
     return color[:2], color[2:4], color[4:]
-
-
-def _brightness(color: str) -> float:
-    """Of an ``rrggbb`` colour, 0..1 (Rec. 601 luma)."""
-    return float(np.dot([int(text, 16) / 255 for text in _pairs(color)], (0.299, 0.587, 0.114)))

@@ -1,4 +1,4 @@
-"""The options that say which scenes an experiment synthesises."""
+"""Command-line options of the synthesised scenes."""
 
 import argparse
 
@@ -7,7 +7,7 @@ from grs_agents.runs.experiments import positive_int
 
 
 def add_recipe_options(parser: argparse.ArgumentParser) -> None:
-    """Let a command line say which scenes are made."""
+    """Add the options of the synthesised scenes to a parser."""
     parser.add_argument(
         "--synthesised", type=natural, default=None, metavar="N", help="scenes to make: 10 without --scenes"
     )
@@ -24,7 +24,7 @@ def add_recipe_options(parser: argparse.ArgumentParser) -> None:
 
 
 def recipes_from_options(options: argparse.Namespace) -> tuple[Recipe, ...]:
-    """The scenes that a parsed command line asks for."""
+    """The recipes of a parsed command line."""
     count = options.synthesised if options.synthesised is not None else 0 if options.scenes else 10
     width, height = options.size
     like = Recipe(

@@ -18,9 +18,9 @@ from grs_agents.sim.rendering.stage import Props, Stage
 from grs_agents.sim.world.compilation import build_world, reset_world_to_poses
 
 _TIPS = ((0.25, -0.35, 0.06), (0.70, 0.35, 0.50))
-"""The tip is between these points (m, robot frame)."""
+"""Box of the tip positions (m, robot frame)."""
 _TILT = 0.9
-"""The tool leans by at most so much (rad) from straight down."""
+"""Largest tilt of the tool from straight down, rad."""
 _ATTEMPTS = 60
 _SECTIONS = 24
 """Corners of a round part's cross-section."""
@@ -42,7 +42,7 @@ def free_postures(
     reset_world_to_poses(world, items)
     robot = world.owner_of_geom < 0
     robot[world.model.geom("table").id] = False
-    found: list[FloatArray] = []
+    postures: list[FloatArray] = []
     for _ in range(_ATTEMPTS):
         roll, pitch = (float(angle) for angle in rng.uniform(-_TILT, _TILT, 2))
         turn = matrix_from_quaternion(quaternion_from_rpy(roll, pitch, float(rng.uniform(-np.pi, np.pi))))
@@ -53,10 +53,10 @@ def free_postures(
         mujoco.mj_kinematics(world.model, world.data)
         mujoco.mj_collision(world.model, world.data)
         if not np.logical_xor.reduce(robot[world.data.contact.geom], axis=1).any():
-            found.append(joints)
-        if len(found) == count:
+            postures.append(joints)
+        if len(postures) == count:
             break
-    return found
+    return postures
 
 
 def robot_triangles(arm: Arm, joints: FloatArray, owner: int) -> Triangles:
@@ -98,5 +98,5 @@ def _geom_corners(model: Any, number: int) -> npt.NDArray[np.float64]:
         kinds.mjGEOM_CYLINDER: lambda: trimesh.creation.cylinder(size[0], 2 * size[1], sections=_SECTIONS),
         kinds.mjGEOM_CAPSULE: lambda: trimesh.creation.capsule(2 * size[1], size[0], count=(_SECTIONS, _SECTIONS)),
     }
-    made = shapes[kind]()
-    return np.asarray(made.vertices, np.float64)[np.asarray(made.faces)]
+    solid = shapes[kind]()
+    return np.asarray(solid.vertices, np.float64)[np.asarray(solid.faces)]

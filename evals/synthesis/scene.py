@@ -32,7 +32,7 @@ from grs_agents.sim.arms.registry import get_arm
 from grs_agents.sim.instance.task_instance import InstanceObject
 
 _SHINY = 0.15
-"""Share of the things that mirror."""
+"""Share of specular objects."""
 _SOURCE = """Rendered, not photographed: objects of this project's library and random others, settled by MuJoCo.
 Made by `grs eval perception`; licence: Apache-2.0, as the project.
 
@@ -46,13 +46,13 @@ walls.png       255 where the walls of a bin around the objects are seen; where 
 truth.json      what stands where: id, asset (empty: not in the library), pose, box (robot frame, m), visible pixels
 """
 _POSTURES, _VIEWS = 6, 8
-"""How many postures of the arm, and for these how many places of the camera, are tried."""
+"""Largest numbers of arm postures, and of camera poses tried for these."""
 _ROBOT_SHOWN = (0.01, 0.35)
-"""Share of the picture that shows the robot, if nothing were before it."""
+"""Share of the picture covered by the robot without occlusion."""
 _ROBOT_HIDES = 0.45
-"""Share of the objects' pixels that the robot may be before."""
+"""Largest share of the objects' pixels hidden by the robot."""
 _NEAREST = 0.1
-"""Nothing of the robot is nearer to the camera (m)."""
+"""Least distance of the robot from the camera, m."""
 LOWEST_TILT_OVER_WALLS = 40.0
 """Least downward tilt over walls, degrees: from lower, walls occlude the objects."""
 
@@ -180,8 +180,8 @@ def synthesise(recipe: Recipe, library: Library) -> SynthesisedScene:
     seen = replace(seen, labels=np.where(walls | robot, 0, seen.labels))
     truth = Truth(
         objects=tuple(
-            _true_object(number, one, kind, one.asset in library, triangles, seen, camera)
-            for number, (one, kind) in enumerate(zip(resting, arranged.kinds, strict=True), 1)
+            _true_object(number, item, kind, item.asset in library, triangles, seen, camera)
+            for number, (item, kind) in enumerate(zip(resting, arranged.kinds, strict=True), 1)
         ),
         sensor=recipe.sensor,
         tilt=recipe.tilt,
@@ -197,9 +197,16 @@ def _arranged(recipe: Recipe, library: Library, folder: Path, rng: np.random.Gen
     names = write_assets(folder / "strange", strange)
     both = library.copy_with_overlay_root(folder / "strange")
     known = recipe.objects - recipe.distractors - recipe.absent
-    resting = settle_heap([*_chosen(known, library, rng), *names], both, rng)
-    kinds = [both.asset(one.asset).category for one in resting]
-    posed = [(one.asset, one.pose) for one in resting]
+    things = [asset for asset in library.everyday_assets() if asset.category != "proxy"]
+    groups: dict[str, list[str]] = {}
+    for asset in things:
+        groups.setdefault(asset.category if asset.category == "cube" else asset.name, []).append(asset.name)
+    keys = sorted(groups)
+    picked = [keys[int(index)] for index in rng.permutation(len(keys))[:known]]
+    picked += [keys[int(index)] for index in rng.integers(len(keys), size=known - len(picked))]
+    resting = settle_heap([*[str(rng.choice(groups[key])) for key in picked], *names], both, rng)
+    kinds = [both.asset(item.asset).category for item in resting]
+    posed = [(item.asset, item.pose) for item in resting]
     triangles = build_posed_triangles(posed, both)
     if recipe.walls:
         flat = triangles.corners[:, :, :2]
@@ -218,14 +225,14 @@ def _arranged(recipe: Recipe, library: Library, folder: Path, rng: np.random.Gen
         for joints in postures:
             robot = robot_triangles(arm, joints, recipe.objects + 2)
             if _shows_robot(robot, triangles, camera):
-                told = tuple(round(float(joint), 9) for joint in joints)
-                camera = camera.model_copy(update={"joints": told})
+                rounded = tuple(round(float(joint), 9) for joint in joints)
+                camera = camera.model_copy(update={"joints": rounded})
                 return _Arranged(resting, kinds, join_triangles(triangles, robot), camera)
     raise SynthesisError(f"{len(postures)} postures leave the robot no room in the picture", "take another seed")
 
 
 def _shows_robot(robot: Triangles, others: Triangles, camera: Camera) -> bool:
-    """Whether a part of the robot is in the picture, and most of everything else is visible."""
+    """True if the picture shows a part of the robot, and the robot hides few pixels of the rest."""
     pose = np.asarray(camera.T_robot_cam, np.float64)
     if ((robot.corners - pose[:3, 3]) @ pose[:3, 2]).min() < _NEAREST:
         return False
@@ -233,35 +240,23 @@ def _shows_robot(robot: Triangles, others: Triangles, camera: Camera) -> bool:
     return bool(_ROBOT_SHOWN[0] < mine.mean() < _ROBOT_SHOWN[1] and (mine & theirs).sum() < _ROBOT_HIDES * theirs.sum())
 
 
-def _chosen(count: int, library: Library, rng: np.random.Generator) -> list[str]:
-    """Different objects of the library, cubes counting as a single kind, as long as there are enough."""
-    things = [asset for asset in library.everyday_assets() if asset.category != "proxy"]
-    groups: dict[str, list[str]] = {}
-    for asset in things:
-        groups.setdefault(asset.category if asset.category == "cube" else asset.name, []).append(asset.name)
-    keys = sorted(groups)
-    picked = [keys[int(index)] for index in rng.permutation(len(keys))[:count]]
-    picked += [keys[int(index)] for index in rng.integers(len(keys), size=count - len(picked))]
-    return [str(rng.choice(groups[key])) for key in picked]
-
-
 def _middle(resting: Sequence[RestingObject]) -> Vec3:
-    x, y, z = (float(value) for value in np.mean([one.pose[0] for one in resting], axis=0))
+    x, y, z = (float(value) for value in np.mean([item.pose[0] for item in resting], axis=0))
     return ((x + CENTER[0]) / 2, (y + CENTER[1]) / 2, z)
 
 
 def _true_object(
-    number: int, one: RestingObject, kind: str, known: bool, triangles: Triangles, seen: PerfectImage, camera: Camera
+    number: int, item: RestingObject, kind: str, known: bool, triangles: Triangles, seen: PerfectImage, camera: Camera
 ) -> TrueObject:
     mine = triangles_of(triangles, number)
     low, high = mine.corners.min(axis=(0, 1)).round(5).tolist(), mine.corners.max(axis=(0, 1)).round(5).tolist()
     return TrueObject(
         id=number,
-        asset=one.asset if known else "",
+        asset=item.asset if known else "",
         absent=not known,
         kind=kind,
-        position=one.pose[0],
-        orientation=one.pose[1],
+        position=item.pose[0],
+        orientation=item.pose[1],
         box=Aabb(low=(low[0], low[1], low[2]), high=(high[0], high[1], high[2])),
         visible=int((seen.labels == number).sum()),
         whole=int(unoccluded_mask(mine, camera).sum()),

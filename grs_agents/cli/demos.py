@@ -14,7 +14,7 @@ from grs_agents.sim.rendering.stage import LARGEST_PICTURE
 from grs_agents.tasks.demos.attempt_store import AttemptStore
 from grs_agents.tasks.demos.dataset import check_format_requirements, write_dataset
 from grs_agents.tasks.demos.production import DemoOrder, make_demonstrations
-from grs_agents.tasks.demos.types import FORMATS, DatasetSummary, Format
+from grs_agents.tasks.demos.types import FORMATS, Format
 from grs_agents.tasks.task_folder import open_task_folder
 
 
@@ -70,18 +70,18 @@ def write_demonstrations(run: Path, order: DemoOrder, kind: str, out: Path | Non
     if as_json:
         print_json(summary.model_dump(mode="json"))
     else:
-        _print_summary(summary, order.episodes)
+        console = terminal.make_console()
+        count = (
+            str(summary.episodes)
+            if summary.episodes == order.episodes
+            else f"only {summary.episodes} of {order.episodes}"
+        )
+        line = f"{summary.out}: {count} episodes, {summary.steps} steps, format {summary.format}"
+        console.print(Text(line, style="bold"))
+        if summary.dropped:
+            stages = ", ".join(f"{count} by the {stage}" for stage, count in summary.dropped.items())
+            console.print(Text(f"  attempts without a demonstration: {stages}"))
+        for reason in summary.reasons:
+            console.print(Text(f"    {reason}"))
+        console.print(Text(f"  open it with {summary.opens_with}"), soft_wrap=True)
     return 0 if summary.episodes == order.episodes else 1
-
-
-def _print_summary(summary: DatasetSummary, requested: int) -> None:
-    console = terminal.make_console()
-    count = str(summary.episodes) if summary.episodes == requested else f"only {summary.episodes} of {requested}"
-    line = f"{summary.out}: {count} episodes, {summary.steps} steps, format {summary.format}"
-    console.print(Text(line, style="bold"))
-    if summary.dropped:
-        stages = ", ".join(f"{count} by the {stage}" for stage, count in summary.dropped.items())
-        console.print(Text(f"  attempts without a demonstration: {stages}"))
-    for reason in summary.reasons:
-        console.print(Text(f"    {reason}"))
-    console.print(Text(f"  open it with {summary.opens_with}"), soft_wrap=True)

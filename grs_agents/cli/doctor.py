@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, entry_points, metadata, requires, version
 from importlib.util import find_spec
@@ -58,28 +57,23 @@ def diagnose_installation(as_json: bool) -> int:
     if as_json:
         print_json([asdict(diagnosis) for diagnosis in diagnoses])
     else:
-        _print_diagnoses(diagnoses)
+        console = terminal.make_console()
+        table = Table(box=None, pad_edge=False, header_style="bold")
+        table.add_column("what", no_wrap=True)
+        table.add_column("state", no_wrap=True)
+        table.add_column("found", overflow="fold")
+        remedies: dict[str, list[str]] = {}
+        for diagnosis in diagnoses:
+            style = _STYLES[diagnosis.state]
+            table.add_row(Text(diagnosis.subject), Text(diagnosis.state, style=style), Text(diagnosis.detail))
+            if diagnosis.remedy:
+                remedies.setdefault(diagnosis.remedy, []).append(diagnosis.subject)
+        console.print(table)
+        if remedies:
+            console.print(Text("\nhow to get the rest", style="bold"))
+        for remedy, subjects in remedies.items():
+            console.print(Text(f"{', '.join(subjects)}\n    {remedy}"))
     return 3 if any(diagnosis.state == "broken" for diagnosis in diagnoses) else 0
-
-
-def _print_diagnoses(diagnoses: Sequence[Diagnosis]) -> None:
-    """Print a table, and below it the remedies on lines of their own, to be copied."""
-    console = terminal.make_console()
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("what", no_wrap=True)
-    table.add_column("state", no_wrap=True)
-    table.add_column("found", overflow="fold")
-    remedies: dict[str, list[str]] = {}
-    for diagnosis in diagnoses:
-        style = _STYLES[diagnosis.state]
-        table.add_row(Text(diagnosis.subject), Text(diagnosis.state, style=style), Text(diagnosis.detail))
-        if diagnosis.remedy:
-            remedies.setdefault(diagnosis.remedy, []).append(diagnosis.subject)
-    console.print(table)
-    if remedies:
-        console.print(Text("\nhow to get the rest", style="bold"))
-    for remedy, subjects in remedies.items():
-        console.print(Text(f"{', '.join(subjects)}\n    {remedy}"))
 
 
 def _diagnose_sandboxes() -> list[Diagnosis]:

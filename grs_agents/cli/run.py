@@ -22,7 +22,7 @@ from grs_agents.base.terminal import print_escaped, print_json
 from grs_agents.perception.coverage import describe_coverage
 from grs_agents.perception.reading.scene_source import resolve_scene_path
 from grs_agents.perception.types import SceneDescription, read_scene_description
-from grs_agents.runs.execution import WAITING, Outcome, UnexpectedError, Views, execute_run
+from grs_agents.runs.execution import WAITING, UnexpectedError, Views, execute_run
 from grs_agents.runs.record import RunRecord, read_record
 from grs_agents.runs.run_opening import RunOrder
 from grs_agents.views.live_views import attach_live_views
@@ -56,25 +56,6 @@ def run_until_ended_and_print(order: RunOrder, scene: Path, as_json: bool, views
             print_escaped(f"grs: {error}", error=True)
             continue
         ended = execute_run(replace(order, out=ended.folder, resume=True, reply=reply), views)
-    _print_run_outcome(order, scene, ended, as_json)
-    return ended.record.exit_status or 0
-
-
-def approve_run(folder: Path, reply: str | None, config: EffectiveConfig, as_json: bool) -> int:
-    """Resume a waiting run with a reply; without a reply print its question, and ask it on a terminal."""
-    record = read_record(folder)
-    if record.question is None:
-        remedy = shlex.join(["grs", "show", str(folder)])
-        raise InputError(f"the run {folder} is {record.status} and waits for no reply", remedy)
-    if reply is None and not sys.stdin.isatty():
-        print_json(record.question.model_dump(mode="json")) if as_json else print_question(record.question)
-        return WAITING
-    source = Path(record.source)
-    order = RunOrder(record.command, source, config, folder, True, reply=reply)
-    return run_until_ended_and_print(order, source, as_json)
-
-
-def _print_run_outcome(order: RunOrder, scene: Path, ended: Outcome, as_json: bool) -> None:
     command = order.command
     # the settings that a run folder cannot choose are repeated on the command line of a resumption
     local = [UNSAFE] if order.config.config.sandbox == "none" else []
@@ -95,6 +76,21 @@ def _print_run_outcome(order: RunOrder, scene: Path, ended: Outcome, as_json: bo
     if ended.record.status == "waiting":
         again = shlex.join(["grs", *list_content_options(), "approve", str(ended.folder), "--reply", "...", *local])
         print_escaped(f"waiting for a reply; to go on: {again}", error=True)
+    return ended.record.exit_status or 0
+
+
+def approve_run(folder: Path, reply: str | None, config: EffectiveConfig, as_json: bool) -> int:
+    """Resume a waiting run with a reply; without a reply print its question, and ask it on a terminal."""
+    record = read_record(folder)
+    if record.question is None:
+        remedy = shlex.join(["grs", "show", str(folder)])
+        raise InputError(f"the run {folder} is {record.status} and waits for no reply", remedy)
+    if reply is None and not sys.stdin.isatty():
+        print_json(record.question.model_dump(mode="json")) if as_json else print_question(record.question)
+        return WAITING
+    source = Path(record.source)
+    order = RunOrder(record.command, source, config, folder, True, reply=reply)
+    return run_until_ended_and_print(order, source, as_json)
 
 
 def print_question(question: Question) -> None:

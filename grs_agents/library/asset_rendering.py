@@ -169,7 +169,26 @@ def _render_asset_view(
     right = np.cross(forward, up)
     right /= np.linalg.norm(right)
     local = (painted.corners - center) @ np.stack([right, np.cross(forward, right), forward]).T + (0.0, 0.0, distance)
-    fine, deep = _render_color_and_depth(painted, local, focal * _FINER, edge)
+    # Lit from the camera; corners in its frame: x right, y down, z forward and positive.
+    fine_focal = focal * _FINER
+    middle = (edge - 1) / 2
+    places = local[:, :, :2] / local[:, :, 2:] * fine_focal + middle
+    buffer = rasterise_triangles(places, 1 / local[:, :, 2], edge, edge)
+    seen = buffer.triangle >= 0
+    index, seen_depth = buffer.triangle[seen], 1 / buffer.nearness[seen]
+    rows, columns = np.nonzero(seen)
+    rays = np.ones((len(rows), 3))
+    rays[:, :2] = (np.stack([columns, rows], axis=1) - middle) / fine_focal
+    normals = np.cross(local[:, 1] - local[:, 0], local[:, 2] - local[:, 0])
+    normals = (normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30))[index]
+    facing = np.abs(np.einsum("ij,ij->i", normals, rays)) / np.sqrt(np.einsum("ij,ij->i", rays, rays))
+    shade = _AROUND + (1 - _AROUND) * facing
+    fine, deep = np.zeros((edge, edge, 4)), np.zeros((edge, edge))
+    weights = np.zeros_like(rays)
+    if painted.textures:
+        weights = np.nan_to_num(barycentric_coordinates(rays * seen_depth[:, None], local[index]))
+    fine[seen, :3] = sample_triangle_colors(painted, index, weights) * shade[:, None]
+    fine[seen, 3], deep[seen] = 1.0, seen_depth
     x, y, z = direction.tolist()
     total = fine.reshape(size, _FINER, size, _FINER, 4).mean(axis=(1, 3))
     total[:, :, :3] /= np.maximum(total[:, :, 3:], 1e-9)  # the samples are premultiplied
@@ -188,30 +207,6 @@ class Lens:
     cy: float
     width: int
     height: int
-
-
-def _render_color_and_depth(painted: PaintedTriangles, local: Floats, focal: float, edge: int) -> tuple[Floats, Floats]:
-    """(H, W, 4) colour and coverage in 0..1, and (H, W) depth (m, 0 in the background), lit from the camera, of
-    triangles with corners ``local`` (T, 3, 3) in its frame, m: x right, y down, z forward and positive."""
-    middle = (edge - 1) / 2
-    places = local[:, :, :2] / local[:, :, 2:] * focal + middle
-    buffer = rasterise_triangles(places, 1 / local[:, :, 2], edge, edge)
-    seen = buffer.triangle >= 0
-    index, depth = buffer.triangle[seen], 1 / buffer.nearness[seen]
-    rows, columns = np.nonzero(seen)
-    rays = np.ones((len(rows), 3))
-    rays[:, :2] = (np.stack([columns, rows], axis=1) - middle) / focal
-    normals = np.cross(local[:, 1] - local[:, 0], local[:, 2] - local[:, 0])
-    normals = (normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30))[index]
-    facing = np.abs(np.einsum("ij,ij->i", normals, rays)) / np.sqrt(np.einsum("ij,ij->i", rays, rays))
-    shade = _AROUND + (1 - _AROUND) * facing
-    fine, deep = np.zeros((edge, edge, 4)), np.zeros((edge, edge))
-    weights = np.zeros_like(rays)
-    if painted.textures:
-        weights = np.nan_to_num(barycentric_coordinates(rays * depth[:, None], local[index]))
-    fine[seen, :3] = sample_triangle_colors(painted, index, weights) * shade[:, None]
-    fine[seen, 3], deep[seen] = 1.0, depth
-    return fine, deep
 
 
 def sample_triangle_colors(painted: PaintedTriangles, index: npt.NDArray[np.int64], weights: Floats) -> Floats:

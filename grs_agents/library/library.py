@@ -139,7 +139,7 @@ class Library:
 
 
 MODEL_SUFFIXES = (".urdf", ".xml")
-"""Of files that are assets without a manifest: URDF or MJCF of a single rigid object."""
+"""Suffixes of files that are assets without a manifest: URDF or MJCF of a single rigid object."""
 
 
 def find_user_model_path(root: Path, name: str) -> Path | None:

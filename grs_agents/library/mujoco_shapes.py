@@ -9,9 +9,9 @@ from grs_agents.library.mesh_files import read_png_size
 from grs_agents.library.shapes import Shape
 
 MOST_TEXTURE_PIXELS: Final = 4096 * 4096
-"""Of a single file; scanned objects have textures of up to 4096 x 4096."""
+"""Largest texture of a file; scanned objects have textures of up to 4096 x 4096."""
 MOST_PIXELS_OF_WORLD: Final = 4 * MOST_TEXTURE_PIXELS
-"""Of all textures of a world, each counted as often as it is used: MuJoCo keeps every copy."""
+"""Largest sum over the textures of a world, each counted as often as it is used: MuJoCo keeps every copy."""
 _modified: dict[str, int] = {}
 
 

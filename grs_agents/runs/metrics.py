@@ -16,11 +16,11 @@ class Figure(Frozen):
     value: float | None  # None if not measured
     target: float | None = None  # its bound; None for an explanatory quantity
     unit: str = ""
-    smaller_is_better: bool = True  # whether the target is an upper bound
+    smaller_is_better: bool = True  # the target is an upper bound
 
     @property
     def is_target_met(self) -> bool | None:
-        """Whether the target is met; None without a value or a target."""
+        """True if the target is met; None without a value or a target."""
         if self.value is None or self.target is None:
             return None
         return self.value <= self.target if self.smaller_is_better else self.value >= self.target

@@ -49,7 +49,7 @@ class CheckResult:
 
     @property
     def accepted(self) -> bool:
-        """Whether the tests, if any, pass and the audit accepts the program."""
+        """True if the tests, if any, pass and the audit accepts the program."""
         return self.audit.accepted and (self.tests is None or self.tests.all_passed)
 
     @property
@@ -134,7 +134,15 @@ def open_check_order(
         order = CheckOrder(program, tests, chosen.config, Path(folder) / "check", task, name=program.stem)
         if scene is not None:
             file = _find_or_comprehend_scene(scene, chosen, Path(folder) / "scene", views)
-            config = _config_matching_run(file.parent, chosen)
+            config = chosen.config
+            if (file.parent / "run.json").is_file():  # its robot and seed, unless the user sets them
+                recorded = read_record(file.parent).config
+                changes: dict[str, Any] = {}
+                if chosen.sources.get("robot", "default") == "default":
+                    changes["robot"] = find_recorded_robot(file.parent, recorded)
+                if chosen.sources.get("seed", "default") == "default":
+                    changes["seed"] = recorded.select_portable().get("seed", config.seed)
+                config = change_config(config, **changes)
             assets = file.parent.resolve() / "assets"
             order = replace(order, scene=_path_if_file_exists(file), assets=assets, config=config)
         yield order
@@ -164,19 +172,6 @@ def _find_or_comprehend_scene(scene: Path, chosen: EffectiveConfig, out: Path, v
     if ended.record.status != "accepted":
         raise InputError(f"{scene} was not comprehended: {ended.record.reason}", "name another scene with --scene")
     return out / _SCENE_FILE
-
-
-def _config_matching_run(folder: Path, chosen: EffectiveConfig) -> Config:
-    """The configuration with the robot and seed of the run in ``folder``, unless the user sets them."""
-    if not (folder / "run.json").is_file():
-        return chosen.config
-    recorded = read_record(folder).config
-    changes: dict[str, Any] = {}
-    if chosen.sources.get("robot", "default") == "default":
-        changes["robot"] = find_recorded_robot(folder, recorded)
-    if chosen.sources.get("seed", "default") == "default":
-        changes["seed"] = recorded.select_portable().get("seed", chosen.config.seed)
-    return change_config(chosen.config, **changes)
 
 
 def find_recorded_robot(folder: Path, recorded: RecordedConfig) -> str:

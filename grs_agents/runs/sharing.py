@@ -111,7 +111,7 @@ _TEXTS = frozenset({".json", ".jsonl", ".py", ".diff", ".urdf", ".xml", ".obj", 
 _KINDS = _TEXTS | {".png", ".npz"}
 """Suffixes of files that can be searched."""
 _MADE = frozenset({"trace.rrd", "report.html"})
-"""Files made anew from the shared ones."""
+"""Files made anew from the shared files."""
 _STAMP = (1980, 1, 1, 0, 0, 0)
 
 

@@ -1,4 +1,4 @@
-"""``grs verify``: whether an ended run is unchanged, and whether its audit is reproducible.
+"""``grs verify``: check that an ended run is unchanged and its audit reproducible.
 
 The audit is repeated, and both records are compared value by value, without knowledge of the single checks.
 """
@@ -46,7 +46,7 @@ class Verification:
 
     @property
     def holds(self) -> bool:
-        """Whether there is no difference."""
+        """True without differences."""
         return not self.differences
 
 
@@ -88,10 +88,20 @@ def _recompute_audit(folder: Path, record: RunRecord, local: Config, temporary: 
     """Differences between the audit in ``folder`` and its repetition in ``temporary``."""
     replies = collect_model_replies(read_events(folder / "events.jsonl"))
     recorded = read_json(folder / _AUDIT, "restore the file")
+    # The run's portable settings over those of this machine, with the names of its models, which are not called.
+    config = record.config.over(local)
+    models = {role: ModelConfig(model=name) for role, name in record.config.model_names().items()}
+    judge = flatten_tree(record.config.as_json()).get("audit.judge")
+    changes: dict[str, Any] = {
+        "robot": local.robot if local.robot != Config().robot else find_recorded_robot(folder, record.config),
+        "models": {**config.models, **models},
+        "policy": local.policy,
+        "audit": config.audit.model_copy(update={"judge": None if judge is None else str(judge)}),
+    }
     order = CheckOrder(
         simulation=folder / "simulation.py",
         tests=folder / "test_simulation.py",
-        config=_build_config_from_record(folder, record, local),
+        config=config.model_copy(update=changes),
         folder=temporary,
         task=folder / "task.json",
         scene=folder / "scene.json",
@@ -126,20 +136,6 @@ def _recompute_audit(folder: Path, record: RunRecord, local: Config, temporary: 
         yield f"run.json: status: recorded {record.status}, recomputed {'accepted' if accepted else 'rejected'}"
     if record.rewards != audit.rewards:
         yield f"run.json: rewards: recorded {record.rewards}, recomputed {audit.rewards}"
-
-
-def _build_config_from_record(folder: Path, record: RunRecord, local: Config) -> Config:
-    """The run's portable settings over those of this machine, with the names of its models, which are not called."""
-    config = record.config.over(local)
-    models = {role: ModelConfig(model=name) for role, name in record.config.model_names().items()}
-    judge = flatten_tree(record.config.as_json()).get("audit.judge")
-    changes: dict[str, Any] = {
-        "robot": local.robot if local.robot != Config().robot else find_recorded_robot(folder, record.config),
-        "models": {**config.models, **models},
-        "policy": local.policy,
-        "audit": config.audit.model_copy(update={"judge": None if judge is None else str(judge)}),
-    }
-    return config.model_copy(update=changes)
 
 
 class _AgentsOfRecord(Agents):

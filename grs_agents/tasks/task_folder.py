@@ -74,12 +74,12 @@ def open_task_folder(path: Path, accepted: bool = True) -> TaskFolder:
     if accepted and status != "accepted":
         raise InputError(f"the run {path} is {status}, not accepted", "name an accepted run; `grs show` tells why not")
     files = (path / "instances").glob("seed_*.json")
-    found = {int(match[1]): file for file in files if (match := _INSTANCE_FILE.fullmatch(file.name))}
-    if not found:
+    instances = {int(match[1]): file for file in files if (match := _INSTANCE_FILE.fullmatch(file.name))}
+    if not instances:
         raise InputError(f"{path} holds no task instances", _REMEDY)
     library, assets = Library(), path / _ASSETS
     return TaskFolder(
-        path, library.copy_with_overlay_root(assets) if assets.is_dir() else library, dict(sorted(found.items()))
+        path, library.copy_with_overlay_root(assets) if assets.is_dir() else library, dict(sorted(instances.items()))
     )
 
 

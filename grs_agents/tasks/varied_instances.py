@@ -104,13 +104,13 @@ def _open_manifest(folder: TaskFolder, variation: Variation, out: Path) -> Varia
     begun = VariationManifest(run=folder.path.resolve().name, variation=variation, bases=bases)
     if (out / MANIFEST).is_file():
         try:
-            found = VariationManifest.model_validate(read_json(out / MANIFEST, _REMEDY))
+            stored = VariationManifest.model_validate(read_json(out / MANIFEST, _REMEDY))
         except ValidationError as error:
             raise InputError(f"{out / MANIFEST} is no manifest of varied instances", _REMEDY) from error
-        if (found.bases, found.variation) != (begun.bases, begun.variation):
-            what = "another variation" if found.bases == begun.bases else "variations of another run"
+        if (stored.bases, stored.variation) != (begun.bases, begun.variation):
+            what = "another variation" if stored.bases == begun.bases else "variations of another run"
             raise InputError(f"{out} holds {what}", _REMEDY)
-        return found
+        return stored
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out} is there and holds no varied instances", _REMEDY)
     folder.copy_assets_and_robot(out)

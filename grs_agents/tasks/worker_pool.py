@@ -37,7 +37,22 @@ def map_in_processes(
         yield from map(work, items)
         return
     with _limit_workers_to_one_thread():
-        yield from _map_in_pool(work, items, workers, begin, arguments)
+        spawn: Any = multiprocessing.get_context("spawn")
+        pool = ProcessPoolExecutor(min(workers, len(items)), spawn, _initialize_worker_process, (begin, arguments))
+        left = iter(items)
+        running: set[Future[Result]] = set()
+        try:
+            while True:
+                running.update(pool.submit(work, item) for item in islice(left, workers + 1 - len(running)))
+                if not running:
+                    return
+                done, running = wait(running, return_when=FIRST_COMPLETED)
+                for future in done:
+                    yield future.result()
+        except BrokenProcessPool as error:
+            raise GrsError("a process at work was killed", "run the command again, with fewer --workers") from error
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
 
 
 @contextmanager
@@ -53,31 +68,6 @@ def _limit_workers_to_one_thread() -> Generator[None]:
                 del os.environ[name]
             else:
                 os.environ[name] = value
-
-
-def _map_in_pool(
-    work: Callable[[Item], Result],
-    items: Sequence[Item],
-    workers: int,
-    begin: Callable[..., object],
-    arguments: tuple[Any, ...],
-) -> Iterator[Result]:
-    spawn: Any = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(min(workers, len(items)), spawn, _initialize_worker_process, (begin, arguments))
-    left = iter(items)
-    running: set[Future[Result]] = set()
-    try:
-        while True:
-            running.update(pool.submit(work, item) for item in islice(left, workers + 1 - len(running)))
-            if not running:
-                return
-            done, running = wait(running, return_when=FIRST_COMPLETED)
-            for future in done:
-                yield future.result()
-    except BrokenProcessPool as error:
-        raise GrsError("a process at work was killed", "run the command again, with fewer --workers") from error
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
 
 
 def _initialize_worker_process(begin: Callable[..., object], arguments: tuple[Any, ...]) -> None:

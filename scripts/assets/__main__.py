@@ -18,7 +18,7 @@ from scripts.assets.toys import build_toys
 
 
 def build_all() -> list[BuiltAsset]:
-    """Every asset, in the order of its families."""
+    """All assets, in the order of their families."""
     everyday = [*map(build_package, GROCERIES), *build_household()]
     return [*everyday, *build_toys(), *build_fixtures(), *build_templates(), *build_marks(), *build_kitting()]
 
@@ -29,11 +29,11 @@ def write_library(root: Path) -> AssetManifest:
     The same code and the same version of OpenCV write the same bytes.
     """
     built = build_all()
-    for one in built:
-        one.write(root)
-    manifest = AssetManifest(assets=tuple(sorted((one.asset for one in built), key=lambda asset: asset.name)))
+    for asset in built:
+        asset.write(root)
+    manifest = AssetManifest(assets=tuple(sorted((asset.asset for asset in built), key=lambda asset: asset.name)))
     write_json(root / MANIFEST, manifest.model_dump(mode="json"))
-    ours = {root / MANIFEST, *(root / name for one in built for name in one.files())}
+    ours = {root / MANIFEST, *(root / name for asset in built for name in asset.files())}
     for stray in {file for file in root.rglob("*") if file.is_file()} - ours:
         stray.unlink()
     return manifest

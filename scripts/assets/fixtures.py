@@ -20,16 +20,42 @@ _SUPPORT = box((0.02, 0.02, 0.001), (0, 0, -0.0195))
 
 def build_fixtures() -> list[BuiltAsset]:
     """Everything that other things are put on or in."""
+    red = opaque("red")
+    along_x = ((0.025, -0.025, 0.1), (0.0, 0.075, 0.05), (0.05, 0.025, 0.05))
+    along_y = ((-0.025, 0.025, 0.105), (0.025, 0.05, 0.055), (0.075, 0.0, 0.055))
+    size = (10.0, 10.0, 0.1)
+    slab = box(size, (0, 0, -size[2] / 2), color=(0.8, 0.8, 0.8, 1.0))
+    asset = toy_asset("plane/plane", "ground", size, 0.0, "white", "level ground whose top is at z = 0")
     return [
         _fixture("stacking/stand", _steps(0.05, 0.005), 0.1, "brown", "three plates in a row, 5 cm wide each"),
-        _fixture("hanoi/stand", (*_steps(0.12, 0.01), *_pegs()), 0.3, "brown", "three plates in a row, a peg on each"),
-        _fixture("kitting/kit", (box((0.28, 0.2, 0.005), color=_WOOD[1]),), 0.2, "brown", "a flat board, 28 x 20 cm"),
-        _fixture("insertion/ell", _ell(), 0.1, "red", "a red block shaped like an L, 4 cm high"),
         _fixture(
-            "insertion/fixture", _walls(), 0.1, "gray", "gray walls around the place of an L-shaped block", (_SUPPORT,)
+            "hanoi/stand",
+            (*_steps(0.12, 0.01), *tuple(cylinder(0.005, 0.05, (0, y, 0.03), _WOOD[1]) for y in (-0.12, 0.0, 0.12))),
+            0.3,
+            "brown",
+            "three plates in a row, a peg on each",
+        ),
+        _fixture("kitting/kit", (box((0.28, 0.2, 0.005), color=_WOOD[1]),), 0.2, "brown", "a flat board, 28 x 20 cm"),
+        _fixture(
+            "insertion/ell",
+            (box((0.08, 0.03, 0.04), (0.025, 0, 0), color=red), box((0.03, 0.05, 0.04), (0, 0.04, 0), color=red)),
+            0.1,
+            "red",
+            "a red block shaped like an L, 4 cm high",
+        ),
+        _fixture(
+            "insertion/fixture",
+            (
+                *(box((length, 0.002, 0.04), (x, y, 0), color=_GRAY) for x, y, length in along_x),
+                *(box((0.002, length, 0.04), (x, y, 0), color=_GRAY) for x, y, length in along_y),
+            ),
+            0.1,
+            "gray",
+            "gray walls around the place of an L-shaped block",
+            (_SUPPORT,),
         ),
         _pallet(),
-        _plane(),
+        build_asset(asset, [slab], [slab.model_copy(update={"color": None})]),
     ]
 
 
@@ -37,41 +63,17 @@ def _fixture(
     name: str, shapes: tuple[Shape, ...], mass: float, color: str, look: str, unseen: tuple[Shape, ...] = ()
 ) -> BuiltAsset:
     """Visible shapes with colliders, and ``unseen`` shapes that only collide."""
-    size = _extents(shapes)
+    low, high = merge_bounds(shape_bounds(shape) for shape in shapes)
+    x, y, z = (round(b - a, 6) for a, b in zip(low, high, strict=True))
+    size = (x, y, z)
     category = name.rsplit("/", 1)[-1]
     bare = [*(shape.model_copy(update={"color": None}) for shape in shapes), *unseen]
     return build_asset(toy_asset(name, category, size, mass, color, look, category != "ell"), shapes, bare)
 
 
-def _extents(shapes: tuple[Shape, ...]) -> Vec3:
-    low, high = merge_bounds(shape_bounds(shape) for shape in shapes)
-    x, y, z = (round(b - a, 6) for a, b in zip(low, high, strict=True))
-    return (x, y, z)
-
-
 def _steps(width: float, height: float) -> tuple[Shape, ...]:
     """Plates along y: light, middle, dark, the middle plate at the origin."""
     return tuple(box((width, width, height), (0, step * width, 0), color=_WOOD[step + 1]) for step in (-1, 0, 1))
-
-
-def _pegs() -> tuple[Shape, ...]:
-    return tuple(cylinder(0.005, 0.05, (0, y, 0.03), _WOOD[1]) for y in (-0.12, 0.0, 0.12))
-
-
-def _ell() -> tuple[Shape, ...]:
-    """Two legs along +x and +y; the origin is the middle of the corner they share."""
-    red = opaque("red")
-    return (box((0.08, 0.03, 0.04), (0.025, 0, 0), color=red), box((0.03, 0.05, 0.04), (0, 0.04, 0), color=red))
-
-
-def _walls() -> tuple[Shape, ...]:
-    """Six walls of 2 mm around the ell's place, whose origin is the ell's in place."""
-    along_x = ((0.025, -0.025, 0.1), (0.0, 0.075, 0.05), (0.05, 0.025, 0.05))
-    along_y = ((-0.025, 0.025, 0.105), (0.025, 0.05, 0.055), (0.075, 0.0, 0.055))
-    return (
-        *(box((length, 0.002, 0.04), (x, y, 0), color=_GRAY) for x, y, length in along_x),
-        *(box((0.002, length, 0.04), (x, y, 0), color=_GRAY) for x, y, length in along_y),
-    )
 
 
 def _pallet() -> BuiltAsset:
@@ -88,11 +90,3 @@ def _pallet() -> BuiltAsset:
     beams = [box((x, 0.02, beam), (0, step * (y - 0.02) / 2, 0), color=_WOOD[1]) for step in (-1, 0, 1)]
     asset = toy_asset("pallet/pallet", "pallet", _PALLET, 0.4, "brown", "a small wooden pallet, 30 x 25 cm", True)
     return build_asset(asset, [*boards, *beams], [box(_PALLET)])
-
-
-def _plane() -> BuiltAsset:
-    """A slab whose top is the ground, z = 0."""
-    size = (10.0, 10.0, 0.1)
-    slab = box(size, (0, 0, -size[2] / 2), color=(0.8, 0.8, 0.8, 1.0))
-    asset = toy_asset("plane/plane", "ground", size, 0.0, "white", "level ground whose top is at z = 0")
-    return build_asset(asset, [slab], [slab.model_copy(update={"color": None})])

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from evals.synthesis.built_asset import BuiltAsset, build_asset, opaque
 from evals.synthesis.colliders import box, cylinder, lifted, open_box, ring
 from evals.synthesis.meshes import Mesh, loft, superellipse
-from evals.synthesis.mugs import mug_parts
+from evals.synthesis.products import mug_parts
 from grs_agents.base import Vec3
 from grs_agents.library.asset import Asset
 from grs_agents.library.shapes import Rgba, Shape, merge_bounds, shape_bounds

@@ -20,15 +20,17 @@ _SIDES: tuple[Part, ...] = (
 
 
 def build_marks() -> list[BuiltAsset]:
-    """Every mark's template. Their height is fixed: programs often say 0."""
-    return [_zone(), *_lines(), _corner(), *_squares(), *_rectangles()]
-
-
-def _zone() -> BuiltAsset:
+    """Templates of all marks. Their height is fixed: programs often say 0."""
     size = (0.2, 0.2, _ZONE_HEIGHT)
     part = ("0 0 0", f'<box size="DIM0 DIM1 {_ZONE_HEIGHT}"/>')
     look = "an area of any size marked on the table (DIM0 x DIM1 m)"
-    return mark_template("zone/zone-template", "zone", look, size, {"DIM": size, "COLOR": _GREEN}, [part])
+    return [
+        mark_template("zone/zone-template", "zone", look, size, {"DIM": size, "COLOR": _GREEN}, [part]),
+        *_lines(),
+        _corner(),
+        *_squares(),
+        *_rectangles(),
+    ]
 
 
 def _lines() -> list[BuiltAsset]:

@@ -15,7 +15,7 @@ import numpy as np
 from evals.synthesis.polygons import Floats, area
 
 REACH = 14.6
-"""How far from the origin a corner may lie."""
+"""Largest distance of a corner from the origin."""
 ROUND = 48
 """Corners of a circle."""
 _HOLE = 6.5
@@ -45,18 +45,25 @@ class Outline:
 
 def outlines() -> tuple[Outline, ...]:
     """The shapes by number, 0 to 19."""
+    arm = np.array([(3.6, 3.6), (3.6, 11.5), (-3.6, 11.5)])
+    turns = [np.array([[0.0, -1.0], [1.0, 0.0]])] * 4
+    corners = [arm]
+    for turn in turns[1:]:
+        corners.append(corners[-1] @ turn.T)
+    tips, dents = regular_polygon(5, 13.2), regular_polygon(5, 6.6, math.pi / 2 + math.pi / 5)
+    lobe = [(5.2 + 5.4 * math.cos(a), 4.5 + 5.4 * math.sin(a)) for a in np.linspace(-0.55, math.pi - 0.3, 10)]
     return (
         _drawn("letter R", _LETTER_R),
         _drawn("letter A", _LETTER_A),
         Outline("triangle", regular_polygon(3, 13.0), 3),
         Outline("square", regular_polygon(4, 10 * math.sqrt(2), math.pi / 4), 4),
-        Outline("plus", _plus(11.5, 3.6), 4),
+        Outline("plus", np.vstack(corners), 4),
         _drawn("letter T", _LETTER_T),
         Outline("diamond", np.array([(13.0, 0), (0, 8.5), (-13.0, 0), (0, -8.5)]), 2),
         Outline("pentagon", regular_polygon(5, 12.0), 5),
         Outline("rectangle", np.array([(11.5, 6.5), (-11.5, 6.5), (-11.5, -6.5), (11.5, -6.5)]), 2),
         Outline("flower", polar_outline(lambda angle: 9.6 + 2.9 * math.cos(4 * angle)), 4),
-        Outline("star", _star(5, 13.2, 6.6), 5),
+        Outline("star", np.stack([tips, dents], axis=1).reshape(-1, 2), 5),
         Outline("circle", regular_polygon(ROUND, 11.0), 0),
         _drawn("letter G", _LETTER_G),
         _drawn("letter V", _LETTER_V),
@@ -64,7 +71,7 @@ def outlines() -> tuple[Outline, ...]:
         _drawn("letter L", _LETTER_L),
         Outline("ring", regular_polygon(ROUND, 12.5), 0, regular_polygon(ROUND, _HOLE)),
         Outline("hexagon", regular_polygon(6, 11.5), 6),
-        _drawn("heart", _heart()),
+        _drawn("heart", [(0.0, -11.5), *lobe, (0.0, 5.2), *[(-x, y) for x, y in reversed(lobe)]]),
         _drawn("letter M", _LETTER_M),
     )
 
@@ -79,25 +86,6 @@ def polar_outline(radius: Callable[[float], float]) -> Floats:
     """A smooth closed curve (ROUND, 2) around the origin, its radius a function of the angle (rad)."""
     angles = [2 * math.pi * step / ROUND for step in range(ROUND)]
     return np.array([(radius(a) * math.cos(a), radius(a) * math.sin(a)) for a in angles])
-
-
-def _plus(reach: float, half: float) -> Floats:
-    arm = np.array([(half, half), (half, reach), (-half, reach)])
-    turns = [np.array([[0.0, -1.0], [1.0, 0.0]])] * 4
-    corners = [arm]
-    for turn in turns[1:]:
-        corners.append(corners[-1] @ turn.T)
-    return np.vstack(corners)
-
-
-def _star(count: int, outer: float, inner: float) -> Floats:
-    tips, dents = regular_polygon(count, outer), regular_polygon(count, inner, math.pi / 2 + math.pi / count)
-    return np.stack([tips, dents], axis=1).reshape(-1, 2)
-
-
-def _heart() -> list[tuple[float, float]]:
-    lobe = [(5.2 + 5.4 * math.cos(a), 4.5 + 5.4 * math.sin(a)) for a in np.linspace(-0.55, math.pi - 0.3, 10)]
-    return [(0.0, -11.5), *lobe, (0.0, 5.2), *[(-x, y) for x, y in reversed(lobe)]]
 
 
 def _drawn(name: str, corners: Sequence[tuple[float, float]]) -> Outline:

@@ -34,21 +34,19 @@ _CORNERS = 16
 
 
 def build_toys() -> list[BuiltAsset]:
-    """Every loose toy."""
+    """All loose toys."""
     blocks = [
         _solid(name, box((side, side, side)), (side, side, side), mass, color, look)
         for name, side, mass, color, look in _BLOCKS
     ]
-    balls = [_ball(*one) for one in _BALLS]
+    balls = [
+        _solid(name, Shape(kind="sphere", size=(radius,)), (2 * radius, 2 * radius, 2 * radius), mass, color, look)
+        for name, radius, mass, color, look in _BALLS
+    ]
     stick = _solid(
         "cylinder/cylinder", cylinder(0.02, 0.06), (0.04, 0.04, 0.06), 0.05, "red", "a red cylinder, 4 x 6 cm"
     )
-    return [*blocks, *balls, stick, *(_disk(*one) for one in _DISKS)]
-
-
-def _ball(name: str, radius: float, mass: float, color: str, look: str) -> BuiltAsset:
-    width = 2 * radius
-    return _solid(name, Shape(kind="sphere", size=(radius,)), (width, width, width), mass, color, look)
+    return [*blocks, *balls, stick, *(_disk(*row) for row in _DISKS)]
 
 
 def _solid(name: str, shape: Shape, size: Vec3, mass: float, color: str, look: str) -> BuiltAsset:

@@ -66,9 +66,4 @@ def frayed_outlines(picture: Floats, deviation: float, width: float, rng: np.ran
 def random_patches(shape: tuple[int, int], share: float | Floats, width: float, rng: np.random.Generator) -> Bools:
     """(H, W) blots of about ``width`` pixels that cover ``share`` (of everything, or at each pixel) of the picture."""
     field = smooth_noise(shape, width, rng)
-    return np.asarray(_normal_share(field) > 1 - np.asarray(share))
-
-
-def _normal_share(values: Floats) -> npt.NDArray[np.float64]:
-    """The share of a normal distribution below each value, to 1e-3 (Hastings' approximation by tanh)."""
-    return 0.5 * (1 + np.tanh(np.sqrt(2 / np.pi) * (values + 0.044715 * values**3)))
+    return np.asarray((0.5 * (1 + np.tanh(np.sqrt(2 / np.pi) * (field + 0.044715 * field**3)))) > 1 - np.asarray(share))

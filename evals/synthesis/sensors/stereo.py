@@ -24,7 +24,7 @@ from grs_agents.perception.types import Camera
 BASELINE = 0.05
 STEP = 1 / 32
 DEVIATION = 0.08
-"""Of the disparity, pixels, where there is texture."""
+"""Standard deviation of the disparity on texture, pixels."""
 FAT = 2
 """Growth of outlines over a background without texture, pixels."""
 NEAREST, FARTHEST = 0.2, 6.0
@@ -34,11 +34,14 @@ _TEXTURE = 0.012
 
 
 def stereo_depth(seen: PerfectImage, camera: Camera, rng: np.random.Generator) -> Floats:
-    """The depth (H, W) in m that such a camera measures, 0 where it measures none."""
+    """Returns: measured depth (H, W), m; 0 = no measurement."""
     shape = (camera.height, camera.width)
     product = camera.fx * BASELINE
     exact = product / seen.depth
-    plain = np.clip(1 - _contrast(seen.rgb) / _TEXTURE, 0, 1)
+    grey = np.ascontiguousarray(seen.rgb.mean(axis=2))
+    mean = np.asarray(cv2.blur(grey, (7, 7)), np.float64)
+    square = np.asarray(cv2.blur(grey**2, (7, 7)), np.float64)
+    plain = np.clip(1 - np.sqrt(np.maximum(square - mean**2, 0)) / _TEXTURE, 0, 1)
     fat = np.asarray(cv2.dilate(exact, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * FAT + 1, 2 * FAT + 1))))
     matched = np.where(random_patches(shape, 0.3 + 0.6 * plain, 3.0, rng), fat, exact)
     fine, coarse = rng.normal(size=shape), smooth_noise(shape, _WINDOW, rng)
@@ -49,11 +52,3 @@ def stereo_depth(seen: PerfectImage, camera: Camera, rng: np.random.Generator) -
     lost |= depth_edges(seen.depth, 0.03) & (rng.random(shape) < 0.25)
     lost |= (seen.cosine < 0.08) | (measured < NEAREST) | (measured > FARTHEST)
     return np.where(lost, 0.0, measured)
-
-
-def _contrast(rgb: Floats) -> Floats:
-    """(H, W) deviation of the brightness within 7 x 7 pixels."""
-    grey = np.ascontiguousarray(rgb.mean(axis=2))
-    mean = np.asarray(cv2.blur(grey, (7, 7)), np.float64)
-    square = np.asarray(cv2.blur(grey**2, (7, 7)), np.float64)
-    return np.sqrt(np.maximum(square - mean**2, 0))

@@ -23,7 +23,7 @@ from grs_agents.perception.types import Camera
 
 BASELINE = 0.075
 STEP = 1 / 8
-"""Disparity comes in steps of so many pixels."""
+"""Quantisation of the disparity, pixels."""
 DEVIATION = STEP / 2
 LATERAL = 0.8
 NEAREST, FARTHEST = 0.4, 4.0
@@ -34,12 +34,14 @@ _GRAZING = 0.12
 
 
 def structured_light_depth(seen: PerfectImage, camera: Camera, rng: np.random.Generator) -> Floats:
-    """The depth (H, W) in m that such a camera measures, 0 where it measures none."""
+    """Returns: measured depth (H, W), m; 0 = no measurement."""
     shape = (camera.height, camera.width)
     product = camera.fx * BASELINE
     depth = frayed_outlines(seen.depth, LATERAL, _WINDOW, rng)
     fine, coarse = rng.normal(size=shape), smooth_noise(shape, _WINDOW, rng)
-    disparity = product / depth + DEVIATION * (0.6 * fine + 0.8 * coarse) + _grazing(seen, product) * coarse
+    angle = np.arccos(np.clip(seen.cosine, 0, 1))
+    beyond = np.minimum(1e-4 / np.sqrt(seen.depth) * angle**2 / np.maximum(np.pi / 2 - angle, 0.05) ** 2, 0.02)
+    disparity = product / depth + DEVIATION * (0.6 * fine + 0.8 * coarse) + (beyond * product / seen.depth**2) * coarse
     measured = product / np.maximum(np.rint(disparity / STEP) * STEP, STEP)
     light = returned_light(seen) * np.exp(0.3 * smooth_noise(shape, _WINDOW, rng))
     lost = occluded_from_second_eye(product / seen.depth) | (light < _FAINT) | (seen.cosine < _GRAZING)
@@ -47,10 +49,3 @@ def structured_light_depth(seen: PerfectImage, camera: Camera, rng: np.random.Ge
     lost |= depth_edges(seen.depth, 0.02) & (rng.random(shape) < 0.5)
     lost |= (measured < NEAREST) | (measured > FARTHEST)
     return np.where(lost, 0.0, measured)
-
-
-def _grazing(seen: PerfectImage, product: float) -> Floats:
-    """Further deviation (H, W) of the disparity, pixels, where a surface is seen at a grazing angle (Nguyen et al.)."""
-    angle = np.arccos(np.clip(seen.cosine, 0, 1))
-    beyond = np.minimum(1e-4 / np.sqrt(seen.depth) * angle**2 / np.maximum(np.pi / 2 - angle, 0.05) ** 2, 0.02)
-    return beyond * product / seen.depth**2

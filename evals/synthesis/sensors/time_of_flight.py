@@ -31,7 +31,7 @@ NEAREST, FARTHEST = 0.25, 5.0
 
 
 def time_of_flight_depth(seen: PerfectImage, camera: Camera, rng: np.random.Generator) -> Floats:
-    """The depth (H, W) in m that such a camera measures, 0 where it measures none."""
+    """Returns: measured depth (H, W), m; 0 = no measurement."""
     shape = (camera.height, camera.width)
     light = returned_light(seen)
     weight = np.maximum(light, 1e-4)

@@ -128,21 +128,19 @@ class ModelFile:
         self, visuals: Sequence[Shape], colliders: Sequence[Shape], mass: float, friction: float
     ) -> ObjectModel:
         """The object of these shapes; a mesh among ``colliders`` becomes the convex parts beside its file."""
-        colliders = [part for shape in colliders for part in self._find_convex_parts(shape)]
-        if not visuals and not colliders:
+        convex: list[Shape] = []
+        for shape in colliders:  # ``NAME.part0.obj``, ``NAME.part1.obj``, ... beside the mesh ``NAME.obj``
+            stem, parts = (shape.mesh or "").removesuffix(".obj"), list[Shape]()
+            while stem and len(parts) < MAX_PARTS and (self.root / f"{stem}.part{len(parts)}.obj").is_file():
+                parts.append(shape.model_copy(update={"mesh": f"{stem}.part{len(parts)}.obj"}))
+            convex += parts or [shape]
+        if not visuals and not convex:
             raise self.make_error("neither visual nor collision", "add at least one shape")
-        if max(len(visuals), len(colliders)) > MAX_SHAPES:
-            raise self.make_error(f"{max(len(visuals), len(colliders))} shapes, at most {MAX_SHAPES} are allowed")
+        if max(len(visuals), len(convex)) > MAX_SHAPES:
+            raise self.make_error(f"{max(len(visuals), len(convex))} shapes, at most {MAX_SHAPES} are allowed")
         bounds = merge_bounds(
             shape_bounds(shape, None if shape.mesh is None else read_vertices(self.root / shape.mesh))
-            for shape in colliders or visuals
+            for shape in convex or visuals
         )
-        seen = tuple(visuals or colliders)
-        return ObjectModel(visuals=seen, colliders=tuple(colliders), mass=mass, friction=friction, bounds=bounds)
-
-    def _find_convex_parts(self, shape: Shape) -> list[Shape]:
-        """The shapes of ``NAME.part0.obj``, ``NAME.part1.obj``, ... beside the mesh ``NAME.obj``, else the shape."""
-        stem, parts = (shape.mesh or "").removesuffix(".obj"), list[Shape]()
-        while stem and len(parts) < MAX_PARTS and (self.root / f"{stem}.part{len(parts)}.obj").is_file():
-            parts.append(shape.model_copy(update={"mesh": f"{stem}.part{len(parts)}.obj"}))
-        return parts or [shape]
+        seen = tuple(visuals or convex)
+        return ObjectModel(visuals=seen, colliders=tuple(convex), mass=mass, friction=friction, bounds=bounds)

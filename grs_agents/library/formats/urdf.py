@@ -59,7 +59,16 @@ def format_urdf_text(
 def _format_shape_element(tag: str, shape: Shape, folder: str, index: int) -> list[str]:
     rpy = rpy_from_quaternion(shape.quaternion)
     lines = [f"    <{tag}>", f'      <origin xyz="{format_numbers(shape.position)}" rpy="{format_numbers(rpy)}"/>']
-    lines += [f"      <geometry>{_format_geometry_xml(shape, folder)}</geometry>"]
+    if shape.kind == "box":
+        geometry = f'<box size="{format_numbers(shape.size)}"/>'
+    elif shape.kind == "cylinder":
+        geometry = f'<cylinder radius="{shape.size[0]:.6g}" length="{shape.size[1]:.6g}"/>'
+    elif shape.kind == "sphere":
+        geometry = f'<sphere radius="{shape.size[0]:.6g}"/>'
+    else:
+        file = posixpath.relpath(shape.mesh or "", folder or ".")
+        geometry = f'<mesh filename={_quote_xml_attribute(file)} scale="{format_numbers(shape.size)}"/>'
+    lines += [f"      <geometry>{geometry}</geometry>"]
     if tag == "visual" and (shape.color or shape.texture):
         lines += [f'      <material name="material_{index}">']
         if shape.color:
@@ -70,17 +79,6 @@ def _format_shape_element(tag: str, shape: Shape, folder: str, index: int) -> li
             ]
         lines += ["      </material>"]
     return [*lines, f"    </{tag}>"]
-
-
-def _format_geometry_xml(shape: Shape, folder: str) -> str:
-    if shape.kind == "box":
-        return f'<box size="{format_numbers(shape.size)}"/>'
-    if shape.kind == "cylinder":
-        return f'<cylinder radius="{shape.size[0]:.6g}" length="{shape.size[1]:.6g}"/>'
-    if shape.kind == "sphere":
-        return f'<sphere radius="{shape.size[0]:.6g}"/>'
-    file = posixpath.relpath(shape.mesh or "", folder or ".")
-    return f'<mesh filename={_quote_xml_attribute(file)} scale="{format_numbers(shape.size)}"/>'
 
 
 def _quote_xml_attribute(text: str) -> str:
@@ -114,28 +112,22 @@ def iterate_links_with_placements(source: ModelFile) -> Iterator[tuple[Element, 
         remedy = f"give a <robot> of one tree of 1 to {MAX_LINKS} links, each named and joined once"
         raise source.make_error(message, remedy)
     for name, link in links.items():
-        yield link, _compute_link_placement_in_root(source, name, links, parents)
+        placement, seen, child = IDENTITY_PLACEMENT, {name}, name
+        while child in parents:
+            parent_joint = parents[child]
+            origin, child = parent_joint.find("origin"), _link_name_of_joint(parent_joint, "parent")
+            if child in seen or child not in links:
+                message = f"joint {parent_joint.get('name', '')!r} hangs on {child!r}"
+                raise source.make_error(message, "join every link to another one")
+            seen.add(child)
+            rotation = quaternion_from_rpy(*source.read_vector_attribute(origin, "rpy"))
+            placement = transforms.compose_poses((source.read_vector_attribute(origin, "xyz"), rotation), placement)
+        yield link, placement
 
 
 def _link_name_of_joint(joint: Element, role: str) -> str:
     element = joint.find(role)
     return "" if element is None else element.get("link", "")
-
-
-def _compute_link_placement_in_root(
-    source: ModelFile, name: str, links: dict[str, Element], parents: dict[str, Element]
-) -> Placement:
-    placement, seen = IDENTITY_PLACEMENT, {name}
-    while name in parents:
-        joint = parents[name]
-        origin, name = joint.find("origin"), _link_name_of_joint(joint, "parent")
-        if name in seen or name not in links:
-            remedy = "join every link to another one"
-            raise source.make_error(f"joint {joint.get('name', '')!r} hangs on {name!r}", remedy)
-        seen.add(name)
-        rotation = quaternion_from_rpy(*source.read_vector_attribute(origin, "rpy"))
-        placement = transforms.compose_poses((source.read_vector_attribute(origin, "xyz"), rotation), placement)
-    return placement
 
 
 _FRICTION = 0.5
@@ -183,39 +175,45 @@ class _Reader:
         elements = link.findall(tag)
         if len(elements) > MAX_SHAPES:
             raise self.fault(f"{len(elements)} <{tag}> elements, at most {MAX_SHAPES} are allowed")
-        yield from (self._read_shape(element, tag) for element in elements)
-
-    def _read_shape(self, element: Element, tag: str) -> Shape:
-        geometries = list(element.findall("geometry/*"))
-        if len(geometries) != 1:
-            raise self.fault(f"<{tag}> has {len(geometries)} shapes in <geometry>", "give exactly one")
-        geometry, origin = geometries[0], element.find("origin")
-        material = element.find("material") if tag == "visual" else None
-        look: _LOOK = (None, None)
-        if material is not None:
-            named_color, named_texture = self.looks.get(material.get("name", ""), (None, None))
-            color, texture = self._parse_material(material)
-            look = (color or named_color, texture or named_texture)
-        mesh: str | None = None
-        size: tuple[float, ...]
-        if geometry.tag == "box":
-            kind, size = "box", self._parse_positive_sizes(geometry, "size", 3)
-        elif geometry.tag == "cylinder":
-            radius = self._parse_positive_sizes(geometry, "radius", 1)
-            length = self._parse_positive_sizes(geometry, "length", 1)
-            kind, size = "cylinder", (*radius, *length)
-        elif geometry.tag == "sphere":
-            kind, size = "sphere", self._parse_positive_sizes(geometry, "radius", 1)
-        elif geometry.tag == "mesh":
-            kind, mesh = "mesh", self.source.resolve_library_file(geometry.get("filename", ""))
-            size = self._parse_positive_sizes(geometry, "scale", 3) if "scale" in geometry.attrib else (1.0, 1.0, 1.0)
-        else:
-            raise self.fault(f"unknown shape <{geometry.tag}>", "use box, cylinder, sphere or mesh")
-        position = self.source.read_vector_attribute(origin, "xyz")
-        quaternion = quaternion_from_rpy(*self.source.read_vector_attribute(origin, "rpy"))
-        return Shape(
-            kind=kind, size=size, position=position, quaternion=quaternion, color=look[0], mesh=mesh, texture=look[1]
-        )
+        for element in elements:
+            geometries = list(element.findall("geometry/*"))
+            if len(geometries) != 1:
+                raise self.fault(f"<{tag}> has {len(geometries)} shapes in <geometry>", "give exactly one")
+            geometry, origin = geometries[0], element.find("origin")
+            material = element.find("material") if tag == "visual" else None
+            look: _LOOK = (None, None)
+            if material is not None:
+                named_color, named_texture = self.looks.get(material.get("name", ""), (None, None))
+                color, texture = self._parse_material(material)
+                look = (color or named_color, texture or named_texture)
+            mesh: str | None = None
+            size: tuple[float, ...]
+            if geometry.tag == "box":
+                kind, size = "box", self._parse_positive_sizes(geometry, "size", 3)
+            elif geometry.tag == "cylinder":
+                radius = self._parse_positive_sizes(geometry, "radius", 1)
+                length = self._parse_positive_sizes(geometry, "length", 1)
+                kind, size = "cylinder", (*radius, *length)
+            elif geometry.tag == "sphere":
+                kind, size = "sphere", self._parse_positive_sizes(geometry, "radius", 1)
+            elif geometry.tag == "mesh":
+                kind, mesh = "mesh", self.source.resolve_library_file(geometry.get("filename", ""))
+                size = (
+                    self._parse_positive_sizes(geometry, "scale", 3) if "scale" in geometry.attrib else (1.0, 1.0, 1.0)
+                )
+            else:
+                raise self.fault(f"unknown shape <{geometry.tag}>", "use box, cylinder, sphere or mesh")
+            position = self.source.read_vector_attribute(origin, "xyz")
+            quaternion = quaternion_from_rpy(*self.source.read_vector_attribute(origin, "rpy"))
+            yield Shape(
+                kind=kind,
+                size=size,
+                position=position,
+                quaternion=quaternion,
+                color=look[0],
+                mesh=mesh,
+                texture=look[1],
+            )
 
     def _parse_material(self, material: Element) -> _LOOK:
         color, texture = material.find("color"), material.find("texture")

@@ -87,7 +87,15 @@ def survey_folder(folder: SourceFolder) -> tuple[list[SourceItem], list[ImportOu
                 nested = item.kind == "gso" or not _YCB.match(parts[-2])
                 depth = parts.index(_HOPE) + 1 if item.kind == "hope" else -2 if nested else -1
                 claimed.add("/".join(parts[:depth]) + "/")
-    items += list(_find_loose_mesh_items(names, claimed))
+    loose: dict[str, list[str]] = {}  # meshes without a description: for each name the file in the richest format
+    for name in names:
+        if _lower_suffix(name) in SUFFIXES and not _belongs_to_claimed_item(name, claimed):
+            loose.setdefault(PurePosixPath(name).with_suffix("").as_posix(), []).append(name)
+    for stem, meshes in loose.items():
+        main = _COLLISION.sub("", stem)
+        if main == stem or main not in loose:
+            file = min(meshes, key=lambda file: _PREFERRED.index(_lower_suffix(file)))
+            items.append(SourceItem(kind="mesh", name=_name_that_tells(PurePosixPath(file)), file=file))
     files = {file for item in items for file in (item.file, *item.files)}
     unread = {
         name: "it is {}; {}".format(*UNREAD[kind])
@@ -104,7 +112,17 @@ def survey_folder(folder: SourceFolder) -> tuple[list[SourceItem], list[ImportOu
         ImportOutcome(item=PurePosixPath(name).name, source=name, status="unread", reason=reason)
         for name, reason in sorted(unread.items())
     ]
-    return _assign_unique_names(sorted(items, key=lambda item: item.file)), outcomes
+    taken: set[str] = set()
+    named: list[SourceItem] = []
+    for item in sorted(items, key=lambda item: item.file):
+        slug = base = slugify_name(item.name)
+        number = 2
+        while slug.lower() in taken:
+            slug, number = f"{base[:60]}-{number}", number + 1
+        taken.add(slug.lower())
+        title = "".join(letter if letter.isprintable() else " " for letter in item.name)[:_TITLE]
+        named.append(item.model_copy(update={"name": slug, "title": title}))
+    return named, outcomes
 
 
 def find_item_files(folder: SourceFolder, item: SourceItem) -> tuple[str, ...]:
@@ -269,32 +287,3 @@ def _read_config(folder: SourceFolder, config: str, known: set[str]) -> Iterator
 def _name_that_tells(file: PurePosixPath) -> str:
     """The name of a file without its suffix, or that of its folder for a meaningless name."""
     return file.parent.name if file.stem.lower() in _UNTOLD and file.parent.name else file.stem
-
-
-def _find_loose_mesh_items(names: list[str], claimed: set[str]) -> Iterator[SourceItem]:
-    """Meshes without a description: for each name the file in the richest format."""
-    loose: dict[str, list[str]] = {}
-    for name in names:
-        if _lower_suffix(name) in SUFFIXES and not _belongs_to_claimed_item(name, claimed):
-            loose.setdefault(PurePosixPath(name).with_suffix("").as_posix(), []).append(name)
-    for stem, files in loose.items():
-        main = _COLLISION.sub("", stem)
-        if main != stem and main in loose:
-            continue
-        file = min(files, key=lambda file: _PREFERRED.index(_lower_suffix(file)))
-        yield SourceItem(kind="mesh", name=_name_that_tells(PurePosixPath(file)), file=file)
-
-
-def _assign_unique_names(items: list[SourceItem]) -> list[SourceItem]:
-    """The items with names as slugs, those that were taken numbered."""
-    taken: set[str] = set()
-    named: list[SourceItem] = []
-    for item in items:
-        slug = base = slugify_name(item.name)
-        number = 2
-        while slug.lower() in taken:
-            slug, number = f"{base[:60]}-{number}", number + 1
-        taken.add(slug.lower())
-        title = "".join(letter if letter.isprintable() else " " for letter in item.name)[:_TITLE]
-        named.append(item.model_copy(update={"name": slug, "title": title}))
-    return named

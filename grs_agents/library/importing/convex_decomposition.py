@@ -16,7 +16,7 @@ lid."""
 _THRESHOLD: Final = 0.06
 _MAX_FACES: Final = 1000
 MAX_VERTICES: Final = 64
-"""Of a convex part."""
+"""Largest number of vertices of a convex part."""
 
 
 def repair_mesh(solid: AtlasMesh) -> tuple[AtlasMesh, bool, list[str]]:

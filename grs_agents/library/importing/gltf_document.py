@@ -304,7 +304,17 @@ class GltfDocument:
         self._room = limits.bytes  # for buffers and pictures beside the file
         self._buffers: dict[int, _Bytes] = {}
         text, self._chunk = self._split_chunks(folder.resolve_file(name).read_bytes())
-        self.gltf = self._parse_json(text)
+        structure = sum(text.count(letter) for letter in (b",", b"[", b"{"))
+        if structure > _STRUCTURE:
+            raise self.refuse(f"its JSON has {structure} values, {_STRUCTURE} are the most", "simplify it")
+        try:
+            self.gltf = Gltf.model_validate_json(text.rstrip(b"\0 \r\n\t"))
+        except ValidationError as error:
+            if _FIRST_VERSION.search(text):  # 1.0 has objects in place of the lists of 2.0
+                raise self._version_error("1.0") from error
+            first = error.errors(include_url=False, include_context=False, include_input=False)[0]
+            place = ".".join(str(step) for step in first["loc"])
+            raise self.refuse(f"{place[:200]}: {first['msg']}" if place else f"{first['msg']}") from error
         needed = self.gltf.asset.min_version or self.gltf.asset.version
         if not (needed == "2.0" or (needed.startswith("2.") and not self.gltf.asset.min_version)):
             raise self._version_error(needed[:20])
@@ -513,19 +523,6 @@ class GltfDocument:
         if _CHUNKS[0] not in chunks:
             raise self.refuse("it has no chunk of JSON")
         return chunks[_CHUNKS[0]].tobytes(), chunks.get(_CHUNKS[1])
-
-    def _parse_json(self, text: bytes) -> Gltf:
-        structure = sum(text.count(letter) for letter in (b",", b"[", b"{"))
-        if structure > _STRUCTURE:
-            raise self.refuse(f"its JSON has {structure} values, {_STRUCTURE} are the most", "simplify it")
-        try:
-            return Gltf.model_validate_json(text.rstrip(b"\0 \r\n\t"))
-        except ValidationError as error:
-            if _FIRST_VERSION.search(text):  # 1.0 has objects in place of the lists of 2.0
-                raise self._version_error("1.0") from error
-            first = error.errors(include_url=False, include_context=False, include_input=False)[0]
-            place = ".".join(str(step) for step in first["loc"])
-            raise self.refuse(f"{place[:200]}: {first['msg']}" if place else f"{first['msg']}") from error
 
     def _version_error(self, version: str) -> RefusedError:
         return self.refuse(f"it is of glTF {version}, 2.0 is read", "convert it, for example with gltf-pipeline")

@@ -62,34 +62,35 @@ class ItemWorkers:
             asset = Asset.model_validate(reading.answer["asset"])
         except (KeyError, ValidationError) as error:
             raise RefusedError(f"{job.item.file}: the worker's answer is no asset", "try again") from error
-        return _write_files(job, asset, reading.blobs)
+        home, slug = job.collection, job.item.name
+        parts = [f"{home}/meshes/{slug}.part{number}.obj" for number in range(MAX_PARTS)]
+        allowed = {f"{home}/{slug}.urdf", f"{home}/meshes/{slug}.obj", f"{home}/textures/{slug}.png", *parts}
+        views = {
+            name
+            for name in reading.blobs
+            if name.startswith(f"{home}/views/{slug}-") and _VIEW.search(name, len(name) - 6)
+        }
+        views = {name for name in views if len(name) == len(f"{home}/views/{slug}-0.png")}
+        if (
+            asset.name != f"{home}/{slug}.urdf"
+            or asset.name not in reading.blobs
+            or asset.origin is None
+            or reading.blobs.keys() - allowed - views
+        ):
+            raise RefusedError(f"{job.item.file}: the worker's answer is no asset", "try again")
+        for part in parts:
+            if part not in reading.blobs:
+                (job.root / part).unlink(missing_ok=True)  # of an earlier import
+        for name, data in reading.blobs.items():
+            write_bytes(job.root / name, data)
+        digests = {
+            name: hashlib.sha256(reading.blobs[name]).hexdigest() for name in asset.origin.files if name in allowed
+        }
+        return asset.model_copy(update={"origin": asset.origin.model_copy(update={"files": digests})})
 
     def close(self) -> None:
         """End the workers."""
         self._reader.close()
-
-
-def _write_files(job: ImportJob, asset: Asset, blobs: dict[str, bytes]) -> Asset:
-    """Write the files of an asset, under names that its own name allows, into the library; the entry with hashes."""
-    home, slug = job.collection, job.item.name
-    parts = [f"{home}/meshes/{slug}.part{number}.obj" for number in range(MAX_PARTS)]
-    allowed = {f"{home}/{slug}.urdf", f"{home}/meshes/{slug}.obj", f"{home}/textures/{slug}.png", *parts}
-    views = {name for name in blobs if name.startswith(f"{home}/views/{slug}-") and _VIEW.search(name, len(name) - 6)}
-    views = {name for name in views if len(name) == len(f"{home}/views/{slug}-0.png")}
-    if (
-        asset.name != f"{home}/{slug}.urdf"
-        or asset.name not in blobs
-        or asset.origin is None
-        or blobs.keys() - allowed - views
-    ):
-        raise RefusedError(f"{job.item.file}: the worker's answer is no asset", "try again")
-    for part in parts:
-        if part not in blobs:
-            (job.root / part).unlink(missing_ok=True)  # of an earlier import
-    for name, data in blobs.items():
-        write_bytes(job.root / name, data)
-    digests = {name: hashlib.sha256(blobs[name]).hexdigest() for name in asset.origin.files if name in allowed}
-    return asset.model_copy(update={"origin": asset.origin.model_copy(update={"files": digests})})
 
 
 def unpack_in_worker(

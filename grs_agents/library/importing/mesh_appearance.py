@@ -15,7 +15,7 @@ from grs_agents.library.importing.types import AtlasMesh, Floats, Image, sample_
 
 HOPE_LICENSE: Final = "CC-BY-NC-SA-4.0"
 OPEN_LICENSE: Final = "CC-BY-4.0"
-"""Of the YCB set and of Google Scanned Objects."""
+"""Licence of the YCB set and of Google Scanned Objects."""
 _YCB_MASSES: Final = """
     002:414 003:411 004:514 005:349 006:603 007:171 008:187 009:97 010:370 011:66 012:18 013:68 014:29 015:33 016:49
     017:47 018:25 019:178 021:1131 022:1022 024:147 025:118 026:6.2 029:279 035:895 036:729 037:82 040:15.8 048:665

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from grs_agents.base.geometry.raster import barycentric_coordinates
-from grs_agents.library.importing.types import AtlasMesh, Floats, Image, Ints, sample_texture_colors
+from grs_agents.library.importing.types import AtlasMesh, Floats, Ints, sample_texture_colors
 
 _NEAREST: Final = 4
 _CHUNK: Final = 200_000
@@ -62,23 +62,19 @@ def transfer_texture_to_mesh(old: AtlasMesh, vertices: Floats, faces: Ints, edge
     for start in range(0, len(squares.face), _CHUNK):
         part = slice(start, start + _CHUNK)
         points = np.einsum("ij,ijk->ik", squares.weights[part], vertices[faces[squares.face[part]]])
-        image[squares.texel[part]] = _sample_nearest_colors(old, points, tree)
+        # Colours at the places nearest to the points, among the faces whose middles are nearest.
+        near = np.asarray(tree.batch_knn_search(points, _NEAREST)[0], np.int64).reshape(len(points), -1)
+        best, chosen, at = np.full(len(points), np.inf), np.zeros(len(points), np.int64), np.zeros((len(points), 3))
+        for rank in range(near.shape[1]):
+            corners = old.vertices[old.faces[near[:, rank]]]
+            with np.errstate(divide="ignore", invalid="ignore"):  # slivers give no weights, and are not chosen
+                weights = np.clip(np.nan_to_num(barycentric_coordinates(points, corners)), 0, 1)
+            weights /= np.maximum(weights.sum(axis=1, keepdims=True), 1e-12)
+            away = np.linalg.norm(np.einsum("ij,ijk->ik", weights, corners) - points, axis=1)
+            nearer = away < best
+            best[nearer], chosen[nearer], at[nearer] = away[nearer], near[nearer, rank], weights[nearer]
+        image[squares.texel[part]] = sample_texture_colors(old.image, np.einsum("ij,ijk->ik", at, old.uvs[chosen]))
     return AtlasMesh(vertices, faces, squares.uvs, image.reshape(squares.side, squares.side, 3))
-
-
-def _sample_nearest_colors(old: AtlasMesh, points: Floats, tree: Any) -> Image:
-    """(N, 3) colours of the old mesh at the places nearest to points, among the faces whose middles are nearest."""
-    near = np.asarray(tree.batch_knn_search(points, _NEAREST)[0], np.int64).reshape(len(points), -1)
-    best, chosen, at = np.full(len(points), np.inf), np.zeros(len(points), np.int64), np.zeros((len(points), 3))
-    for rank in range(near.shape[1]):
-        corners = old.vertices[old.faces[near[:, rank]]]
-        with np.errstate(divide="ignore", invalid="ignore"):  # slivers give no weights, and are not chosen
-            weights = np.clip(np.nan_to_num(barycentric_coordinates(points, corners)), 0, 1)
-        weights /= np.maximum(weights.sum(axis=1, keepdims=True), 1e-12)
-        away = np.linalg.norm(np.einsum("ij,ijk->ik", weights, corners) - points, axis=1)
-        nearer = away < best
-        best[nearer], chosen[nearer], at[nearer] = away[nearer], near[nearer, rank], weights[nearer]
-    return sample_texture_colors(old.image, np.einsum("ij,ijk->ik", at, old.uvs[chosen]))
 
 
 _WORTH = 1.25

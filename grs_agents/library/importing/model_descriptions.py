@@ -207,7 +207,20 @@ def _stage_urdf_meshes(top: Element, stage: _Stage) -> None:
             if color is not None and element.tag == "visual":
                 rgba = " ".join(f"{share:.6g}" for share in (*color[:3], 1.0))
                 ElementTree.SubElement(ElementTree.SubElement(element, "material"), "color", {"rgba": rgba})
-        _remove_impossible_quantities(link, stage.notes)
+        for path, most in (("inertial/mass", _MAX_MASS), ("contact/lateral_friction", _MAX_FRICTION)):
+            parent, element = link.find(path.partition("/")[0]), link.find(path)
+            if parent is None or element is None:
+                continue
+            text = element.get("value", element.text or "")
+            try:
+                number = float(text)
+            except ValueError:
+                number = float("nan")
+            if 0 <= number <= most:
+                element.set("value", text)
+                continue
+            parent.remove(element)
+            stage.notes.append(f"<{element.tag}> {text.strip()[:40]!r} cannot be: it is estimated")
     for material in top.findall("material"):
         top.remove(material)
 
@@ -230,24 +243,6 @@ def _read_urdf_material(
         elif rgb.max() > 1:
             rgb = rgb / 255
     return rgb, None if texture is None else stage.find_picture(texture.get("filename", ""))
-
-
-def _remove_impossible_quantities(link: Element, notes: list[str]) -> None:
-    """Remove masses and frictions that no object has, with a note."""
-    for path, most in (("inertial/mass", _MAX_MASS), ("contact/lateral_friction", _MAX_FRICTION)):
-        parent, element = link.find(path.partition("/")[0]), link.find(path)
-        if parent is None or element is None:
-            continue
-        text = element.get("value", element.text or "")
-        try:
-            number = float(text)
-        except ValueError:
-            number = float("nan")
-        if 0 <= number <= most:
-            element.set("value", text)
-            continue
-        parent.remove(element)
-        notes.append(f"<{element.tag}> {text.strip()[:40]!r} cannot be: it is estimated")
 
 
 _MESH_ATTRIBUTES: Final = {
@@ -301,12 +296,7 @@ def _stage_mjcf_meshes(top: Element, stage: _Stage) -> bool:
         rgba = attributes.get("rgba", color) if plain is None else " ".join(f"{share:.6g}" for share in (*plain, 1.0))
         if rgba is not None:
             geom.set("rgba", rgba)
-    _replace_mjcf_assets(top, stage)
-    return has_mass
-
-
-def _replace_mjcf_assets(top: Element, stage: _Stage) -> None:
-    """Leave only the meshes of the stage among the assets of an MJCF file; its materials have been applied."""
+    # The materials have been applied: only the staged meshes remain among the assets.
     for parent in [*top.iter("asset"), *top.iter("default")]:
         for element in [*parent.findall("mesh"), *parent.findall("texture"), *parent.findall("material")]:
             parent.remove(element)
@@ -315,6 +305,7 @@ def _replace_mjcf_assets(top: Element, stage: _Stage) -> None:
     assets = ElementTree.SubElement(top, "asset")
     for name in stage.meshes:
         ElementTree.SubElement(assets, "mesh", {"name": name, "file": name})
+    return has_mass
 
 
 def _iterate_mjcf_geoms(top: Element, defaults: MjcfDefaults) -> Iterator[tuple[Element, dict[str, str]]]:

@@ -16,11 +16,11 @@ from grs_agents.library.importing.textures import build_mesh_part, color_to_uint
 from grs_agents.library.importing.types import Floats, Image, ImportLimits, MeshPart, RefusedError
 
 _MTL_BYTES: Final = 4_000_000
-"""Of all MTL files of an OBJ file together."""
+"""Largest total size of the MTL files of an OBJ file."""
 _MTL_LINE: Final = 4_096
-"""Characters of a line of an MTL file, or that names some."""
+"""Characters of a line of an MTL file, or of a line that names MTL files."""
 _NAMES: Final = 1_000
-"""Names of MTL files, and of pictures, that are looked for on behalf of an OBJ file; each may cost many look-ups."""
+"""Largest numbers of MTL files and of pictures searched for an OBJ file: each may cost many look-ups."""
 _LINE: Final = 1_000_000
 _NOTES: Final = 8
 """Faults of a look that are noted; a file may have thousands."""

@@ -83,23 +83,19 @@ def _add_shape(link: Element, tag: str, shape: Element, place: Placement, fault:
         raise fault(f"<{geometry.tag[:40]}> is not read", "use box, cylinder, capsule, sphere or mesh")
     material = shape.find("material") if tag == "visual" else None
     if material is not None:
-        _add_material(element, material, notes)
-
-
-def _add_material(element: Element, material: Element, notes: list[str]) -> None:
-    """Add the material of an SDF visual: its albedo picture, its diffuse colour, or the colour that a script names."""
-    albedo = next(filter(None, (_text(material, f"pbr/{flow}/albedo_map") for flow in ("metal", "specular"))), "")
-    diffuse, script = _text(material, "diffuse"), _text(material, "script/name")
-    rgb = COLORS.get(script.rpartition("/")[2].lower().replace("grey", "gray"))
-    if script and not albedo and rgb is None:
-        notes.append(f"the material script {script[:60]!r} is not read")
-    added = SubElement(element, "material", {"name": ""})
-    if rgb is not None and not diffuse:
-        diffuse = " ".join(f"{share:.6g}" for share in rgb)
-    if diffuse:
-        SubElement(added, "color", {"rgba": diffuse})
-    if albedo:
-        SubElement(added, "texture", {"filename": albedo})
+        # Albedo picture, diffuse colour, or the colour that a script names.
+        albedo = next(filter(None, (_text(material, f"pbr/{flow}/albedo_map") for flow in ("metal", "specular"))), "")
+        diffuse, script = _text(material, "diffuse"), _text(material, "script/name")
+        rgb = COLORS.get(script.rpartition("/")[2].lower().replace("grey", "gray"))
+        if script and not albedo and rgb is None:
+            notes.append(f"the material script {script[:60]!r} is not read")
+        added = SubElement(element, "material", {"name": ""})
+        if rgb is not None and not diffuse:
+            diffuse = " ".join(f"{share:.6g}" for share in rgb)
+        if diffuse:
+            SubElement(added, "color", {"rgba": diffuse})
+        if albedo:
+            SubElement(added, "texture", {"filename": albedo})
 
 
 def _read_pose(element: Element, fault: Fault) -> Placement:

@@ -8,7 +8,7 @@ import numpy as np
 from grs_agents.library.importing.types import Floats, Image, Ints, MeshPart, RefusedError
 
 GREY: Final = (180, 180, 180)
-"""Of surfaces without a colour."""
+"""Colour of surfaces without a colour of their own."""
 
 
 def read_texture_image(source: Any, pixels: int) -> Image:

@@ -25,7 +25,7 @@ class Counter:
         self.count = 0
 
     def increment(self) -> None:
-        """Add one."""
+        """Count an assertion."""
         self.count += 1
 
 

@@ -1,4 +1,4 @@
-"""The child's side of a test run: load the program and its tests, run them one after another.
+"""The child's side of a test run: load the program and its tests, run them in sequence.
 
 Each test is reported as it starts and as it ends.
 """

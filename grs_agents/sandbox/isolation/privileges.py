@@ -20,7 +20,7 @@ _SET_DUMPABLE, _SET_NO_NEW_PRIVS = 4, 38
 _READ_BOUNDING, _DROP_BOUNDING = 23, 24
 _AMBIENT, _CLEAR_AMBIENT = 47, 4
 _VERSION_3 = 0x2008_0522
-"""Of the capability interface: 64 bits in two halves, each of three words."""
+"""Version of the capability interface: 64 bits in two halves, each of three words."""
 _OWN = ctypes.create_string_buffer(struct.pack("=Ii", _VERSION_3, 0))
 _NOTHING = ctypes.create_string_buffer(24)
 

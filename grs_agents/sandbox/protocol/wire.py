@@ -106,7 +106,7 @@ class FrameReader:
         return list(self.iterate_frames(data))
 
     def iterate_frames(self, data: bytes) -> Iterator[dict[str, Any]]:
-        """Yield the frames that ``data`` completes, one after another: frames before a faulty frame count.
+        """Yield the frames that ``data`` completes, in order: frames before a faulty frame count.
 
         Raises:
             ForgedFrameError: a frame with a wrong seal, out of turn, or sent twice.

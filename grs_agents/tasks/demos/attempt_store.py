@@ -88,8 +88,19 @@ class AttemptStore:
                 self._attempt_file(attempt, "json"), result.model_dump(), durable=True
             )
         else:
+            arrays: dict[str, Any] = {name: getattr(result, name) for name in _ARRAYS}
+            arrays |= {_IMAGE + name: images for name, images in result.images.items()}
+            names = [part.name for part in fields(result) if part.name not in (*_ARRAYS, "images", "cameras")]
+            header: dict[str, Any] = {name: getattr(result, name) for name in names}
+            header["cameras"] = [camera.model_dump() for camera in result.cameras]
+            buffer = io.BytesIO()
+            with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file:
+                file.writestr("header.json", json.dumps(header))
+                for name, array in arrays.items():
+                    with file.open(f"{name}.npy", "w", force_zip64=True) as entry:
+                        npy.write_array(entry, np.ascontiguousarray(array), allow_pickle=False)
             self._kept_attempt_files[attempt] = write_bytes(
-                self._attempt_file(attempt, "npz"), _encode_as_npz(result), durable=True
+                self._attempt_file(attempt, "npz"), buffer.getvalue(), durable=True
             )
 
     def _attempt_file(self, attempt: int, kind: str) -> Path:
@@ -117,22 +128,6 @@ class AttemptStore:
             except ValidationError as error:
                 raise InputError(f"{file} is no attempt: {error.errors()[0]['msg']}", _REMEDY) from error
         return dropped
-
-
-def _encode_as_npz(demonstration: Demonstration) -> bytes:
-    """Content of an .npz file, lightly compressed: simulated pictures shrink to a third at little cost."""
-    arrays: dict[str, Any] = {name: getattr(demonstration, name) for name in _ARRAYS}
-    arrays |= {_IMAGE + name: images for name, images in demonstration.images.items()}
-    names = [part.name for part in fields(demonstration) if part.name not in (*_ARRAYS, "images", "cameras")]
-    header: dict[str, Any] = {name: getattr(demonstration, name) for name in names}
-    header["cameras"] = [camera.model_dump() for camera in demonstration.cameras]
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file:
-        file.writestr("header.json", json.dumps(header))
-        for name, array in arrays.items():
-            with file.open(f"{name}.npy", "w", force_zip64=True) as entry:
-                npy.write_array(entry, np.ascontiguousarray(array), allow_pickle=False)
-    return buffer.getvalue()
 
 
 def _read_demonstration(path: Path) -> Demonstration:

@@ -64,9 +64,9 @@ def write_dataset(store: AttemptStore, kind: Format, out: Path, folder: TaskFold
     reasons = tuple(f"{count} x {why}" for why, count in counted)
     first = next(store.demonstrations(), None)
     if first is None:
-        found = f"none of {len(dropped)} attempts gave a demonstration: {'; '.join(reasons)}"
+        message = f"none of {len(dropped)} attempts gave a demonstration: {'; '.join(reasons)}"
         shutil.rmtree(store.path)
-        raise GrsError(found, "vary less")
+        raise GrsError(message, "vary less")
     content = json.dumps([kind, store.order, store.count], sort_keys=True)
     card = DatasetCard(
         name=folder.path.resolve().name,

@@ -106,8 +106,8 @@ class _Writer:
         row |= {"grs/instance_hash": demonstration.instance_hash, "grs/strict_score": demonstration.strict}
         row |= {
             f"stats/{name}/{kind}": value.tolist()
-            for name, found in statistics.items()
-            for kind, value in found.items()
+            for name, values in statistics.items()
+            for kind, value in values.items()
         }
         self._episodes.append(row)
         self._statistics.append(statistics)
@@ -279,14 +279,14 @@ class _VideoFiles:
 def measure_rows(rows: npt.NDArray[Any]) -> Statistics:
     """Statistics of the columns of rows (T, D) or (T,)."""
     values = np.asarray(rows, dtype=np.float64).reshape(len(rows), -1)
-    found: Statistics = {
+    statistics: Statistics = {
         "min": values.min(axis=0),
         "max": values.max(axis=0),
         "mean": values.mean(axis=0),
         "std": values.std(axis=0),
         "count": np.array([len(values)]),
     }
-    return found | dict(zip(_QUANTILES, np.quantile(values, [*_QUANTILES.values()], axis=0), strict=True))
+    return statistics | dict(zip(_QUANTILES, np.quantile(values, [*_QUANTILES.values()], axis=0), strict=True))
 
 
 def measure_images(images: npt.NDArray[np.uint8]) -> Statistics:
@@ -297,14 +297,14 @@ def measure_images(images: npt.NDArray[np.uint8]) -> Statistics:
     shares = counts / counts.sum(axis=1, keepdims=True)
     total, present = shares.cumsum(axis=1), counts > 0
     mean = shares @ levels
-    found: Statistics = {
+    statistics: Statistics = {
         "min": levels[present.argmax(axis=1)],
         "max": levels[255 - present[:, ::-1].argmax(axis=1)],
         "mean": mean,
         "std": np.sqrt((shares * (levels - mean[:, None]) ** 2).sum(axis=1)),
     }
-    found |= {name: levels[(total >= share).argmax(axis=1)] for name, share in _QUANTILES.items()}
-    return {name: value.reshape(3, 1, 1) for name, value in found.items()} | {"count": np.array([len(images)])}
+    statistics |= {name: levels[(total >= share).argmax(axis=1)] for name, share in _QUANTILES.items()}
+    return {name: value.reshape(3, 1, 1) for name, value in statistics.items()} | {"count": np.array([len(images)])}
 
 
 def pool(parts: Sequence[Statistics]) -> Statistics:
@@ -314,11 +314,11 @@ def pool(parts: Sequence[Statistics]) -> Statistics:
     stacked = {name: np.stack([part[name] for part in parts]) for name in parts[0]}
     mean = (weights * stacked["mean"]).sum(axis=0)
     spread = stacked["std"] ** 2 + (stacked["mean"] - mean) ** 2
-    found: Statistics = {
+    statistics: Statistics = {
         "min": stacked["min"].min(axis=0),
         "max": stacked["max"].max(axis=0),
         "mean": mean,
         "std": np.sqrt((weights * spread).sum(axis=0)),
         "count": np.array([int(count.sum())]),
     }
-    return found | {name: (weights * stacked[name]).sum(axis=0) for name in _QUANTILES}
+    return statistics | {name: (weights * stacked[name]).sum(axis=0) for name in _QUANTILES}

@@ -29,7 +29,22 @@ def write_minari(demonstrations: Iterable[Demonstration], card: DatasetCard, fol
     kind: Any = import_module("minari.dataset.minari_storage").MinariStorage
     path = folder.resolve() / minari_id(card) / "data"
     path.mkdir(parents=True)
-    observations, actions = _make_spaces(card)
+    from gymnasium import spaces
+
+    def make_unbounded_box(*shape: int) -> spaces.Box:
+        return spaces.Box(-np.inf, np.inf, shape, np.float32)
+
+    dof = len(card.joint_names)
+    parts: dict[str, Any] = {
+        "joint_positions": make_unbounded_box(dof),
+        "joint_velocities": make_unbounded_box(dof),
+        "tip": make_unbounded_box(7),
+        "suction": spaces.Box(0, 1, (1,), np.float32),
+        "objects": make_unbounded_box(len(card.object_names), 7),
+    }
+    for camera in card.cameras:
+        parts[camera.name] = spaces.Box(0, 255, (camera.height, camera.width, 3), np.uint8)
+    observations, actions = spaces.Dict(parts), make_unbounded_box(dof + 1)
     storage = kind.new(path, observation_space=observations, action_space=actions)
     metadata: list[dict[str, Any]] = []
     storage.update_episodes(_make_episode_buffers(demonstrations, metadata))
@@ -47,26 +62,6 @@ def write_minari(demonstrations: Iterable[Demonstration], card: DatasetCard, fol
             "description": f"Demonstrations of {card.name} at {card.rate:g} Hz; action: joint positions, suction.",
         }
     )
-
-
-def _make_spaces(card: DatasetCard) -> tuple[Any, Any]:
-    """Spaces of observations and of actions."""
-    from gymnasium import spaces
-
-    def make_unbounded_box(*shape: int) -> spaces.Box:
-        return spaces.Box(-np.inf, np.inf, shape, np.float32)
-
-    dof = len(card.joint_names)
-    parts: dict[str, Any] = {
-        "joint_positions": make_unbounded_box(dof),
-        "joint_velocities": make_unbounded_box(dof),
-        "tip": make_unbounded_box(7),
-        "suction": spaces.Box(0, 1, (1,), np.float32),
-        "objects": make_unbounded_box(len(card.object_names), 7),
-    }
-    for camera in card.cameras:
-        parts[camera.name] = spaces.Box(0, 255, (camera.height, camera.width, 3), np.uint8)
-    return spaces.Dict(parts), make_unbounded_box(dof + 1)
 
 
 def _make_episode_buffers(demonstrations: Iterable[Demonstration], metadata: list[dict[str, Any]]) -> Iterator[Any]:

@@ -96,17 +96,17 @@ class _Attempts:
         self._instances = {seed: folder.read_instance(seed) for seed in folder.seeds}
         counts = {(len(item.task_objects), item.robot): seed for seed, item in self._instances.items()}
         if len(counts) > 1:
-            found = ", ".join(f"seed {seed} has {count} and {robot}" for (count, robot), seed in counts.items())
+            differing = ", ".join(f"seed {seed} has {count} and {robot}" for (count, robot), seed in counts.items())
             raise InputError(
-                f"the instances of {folder.path} differ in how many objects they have, or in the robot: {found}",
+                f"the instances of {folder.path} differ in how many objects they have, or in the robot: {differing}",
                 "keep instances of one kind in one folder: a data set has one column for each joint and object",
             )
         if order.variation == Variation() and order.episodes > len(self._instances):
-            found = f"{folder.path} has {len(self._instances)} instances as they are, {order.episodes} are wanted"
-            raise InputError(found, "ask for fewer with --episodes, or vary them, e.g. with --jitter 0.03")
+            message = f"{folder.path} has {len(self._instances)} instances as they are, {order.episodes} are wanted"
+            raise InputError(message, "ask for fewer with --episodes, or vary them, e.g. with --jitter 0.03")
         if "photo" in order.cameras and any(item.camera is None for item in self._instances.values()):
-            found = f"{folder.path} does not say where its photo was taken from"
-            raise InputError(found, "leave the camera photo out")
+            message = f"{folder.path} does not say where its photo was taken from"
+            raise InputError(message, "leave the camera photo out")
         ((rows, robot),) = counts
         self._replayer = Replayer(folder.library, robot, rows, order.cameras, order.size, order.renderer)
 

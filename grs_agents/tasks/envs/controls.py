@@ -143,6 +143,6 @@ def make_control(name: str, instance: TaskInstance, arm: Arm) -> Control:
         return PrimitiveControl(name == "push")
     steps = 1.0 / (CONTROL_RATE * instance.timestep)
     if abs(steps - round(steps)) > 1e-6:
-        found = f"control {name!r}: {CONTROL_RATE:g} Hz is no whole number of {1000 * instance.timestep:g} ms steps"
-        raise InputError(found, f"use control={instance.primitive!r}")
+        message = f"control {name!r}: {CONTROL_RATE:g} Hz is no whole number of {1000 * instance.timestep:g} ms steps"
+        raise InputError(message, f"use control={instance.primitive!r}")
     return JointPositionControl(arm) if name == "joint_position" else EeDeltaControl()

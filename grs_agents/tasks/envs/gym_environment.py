@@ -93,8 +93,8 @@ class GrsEnv(gymnasium.Env[Any, Any]):
             raise InputError(f"{self.folder.path}: no instance was asked for", "name at least one seed")
         kinds = {(item.robot, item.primitive, item.timestep) for item in self.instances.values()}
         if len(kinds) > 1:
-            found = f"{self.folder.path} has instances for different robots: {sorted(kinds)}"
-            raise InputError(found, "choose some by seeds=")
+            message = f"{self.folder.path} has instances for different robots: {sorted(kinds)}"
+            raise InputError(message, "choose some by seeds=")
         self.render_mode = render_mode
         if variation is not None and not isinstance(variation, Variation):
             try:
@@ -123,7 +123,23 @@ class GrsEnv(gymnasium.Env[Any, Any]):
         self.action_space = spaces.Box(least, most, dtype=np.float32)
         lowest, highest = self._state.low, self._state.high
         state = {name: spaces.Box(lowest[name], highest[name], dtype=np.float32) for name in self._state.shapes}
-        self.observation_space = spaces.Dict({**state, **self._picture_spaces()})
+        rows, columns = self._photographer.size
+        highest_id = max(item.id for instance in self.instances.values() for item in instance.objects) + 200
+        pictures: dict[str, spaces.Space[Any]] = {
+            "rgb": spaces.Box(0, 255, (rows, columns, 3), dtype=np.uint8),
+            "depth": spaces.Box(0.0, FARTHEST, (rows, columns), dtype=np.float32),
+            "masks": spaces.Box(-1, highest_id, (rows, columns), dtype=np.int32),
+        }
+        self.observation_space = spaces.Dict(
+            {
+                **state,
+                **{
+                    f"{camera}_{modality}": pictures[modality]
+                    for camera in self._photographer.cameras
+                    for modality in self._photographer.modalities
+                },
+            }
+        )
         self._steps, self._potential = 0, 0.0
         self._observation: Observation = {}
 
@@ -225,17 +241,3 @@ class GrsEnv(gymnasium.Env[Any, Any]):
     def _update_observation(self) -> None:
         state, progress = self._state.read()
         self._observation, self._potential = {**state, **self.take_pictures()}, progress.potential
-
-    def _picture_spaces(self) -> dict[str, spaces.Space[Any]]:
-        rows, columns = self._photographer.size
-        most = max(item.id for instance in self.instances.values() for item in instance.objects) + 200
-        kinds: dict[str, spaces.Space[Any]] = {
-            "rgb": spaces.Box(0, 255, (rows, columns, 3), dtype=np.uint8),
-            "depth": spaces.Box(0.0, FARTHEST, (rows, columns), dtype=np.float32),
-            "masks": spaces.Box(-1, most, (rows, columns), dtype=np.int32),
-        }
-        return {
-            f"{camera}_{modality}": kinds[modality]
-            for camera in self._photographer.cameras
-            for modality in self._photographer.modalities
-        }

@@ -98,7 +98,21 @@ def _write_folder(folder: Path, scene: MjcfScene, task: TaskFolder) -> None:
     folder.mkdir()
     try:
         root = ElementTree.fromstring(scene.spec.to_xml())
-        _copy_meshes_and_textures(folder, root, scene)
+        # Every mesh and texture is copied, equal files once.
+        names: dict[str, str] = {}
+        robot = Path(scene.instance.robot).parent
+        for tag, elements in (("mesh", scene.spec.meshes), ("texture", scene.spec.textures)):
+            # The library's files are absolute, those of a user's own arm relative to it.
+            paths = {part.name: robot / str(getattr(part.compiler, f"{tag}dir")) / str(part.file) for part in elements}
+            for element in root.iterfind(f"asset/{tag}[@file]"):
+                path = paths[element.attrib["name"]]
+                data = read_bytes(path)
+                digest = hashlib.sha256(data).hexdigest()
+                if digest not in names:
+                    stem = re.sub(r"[^A-Za-z0-9_-]", "_", path.stem)[:60]
+                    names[digest] = f"{ASSETS}/{stem}_{digest[:10]}{path.suffix.lower()}"
+                    write_bytes(folder / names[digest], data)
+                element.set("file", names[digest])
         if scene.portable:
             # MuJoCo 4 always does multiccd and does not write it; with a single contact point bodies creep.
             option = root.find("option")
@@ -114,21 +128,3 @@ def _write_folder(folder: Path, scene: MjcfScene, task: TaskFolder) -> None:
     stated: Mapping[str, Any] = read_json(file, "restore it") if file.is_file() else {}
     words = Words(str(stated.get("task-name", "")), str(stated.get("task-description", "")))
     write_text(folder / README, write_readme_text(scene, model, task.library, words))
-
-
-def _copy_meshes_and_textures(folder: Path, root: ElementTree.Element, scene: MjcfScene) -> None:
-    """Copy every mesh and texture, equal files once, and point the MJCF to the copies."""
-    names: dict[str, str] = {}
-    robot = Path(scene.instance.robot).parent
-    for tag, elements in (("mesh", scene.spec.meshes), ("texture", scene.spec.textures)):
-        # The library's files are absolute, those of a user's own arm relative to it.
-        paths = {part.name: robot / str(getattr(part.compiler, f"{tag}dir")) / str(part.file) for part in elements}
-        for element in root.iterfind(f"asset/{tag}[@file]"):
-            path = paths[element.attrib["name"]]
-            data = read_bytes(path)
-            digest = hashlib.sha256(data).hexdigest()
-            if digest not in names:
-                stem = re.sub(r"[^A-Za-z0-9_-]", "_", path.stem)[:60]
-                names[digest] = f"{ASSETS}/{stem}_{digest[:10]}{path.suffix.lower()}"
-                write_bytes(folder / names[digest], data)
-            element.set("file", names[digest])

@@ -11,8 +11,7 @@ from grs_agents.base.geometry import transforms
 from grs_agents.base.mujoco_import import mujoco
 from grs_agents.library.library import Library
 from grs_agents.sim.arms.arm_parts import CUP_RADIUS
-from grs_agents.sim.instance.goal import Goal
-from grs_agents.sim.instance.task_instance import InstanceCamera, TaskInstance
+from grs_agents.sim.instance.task_instance import TaskInstance
 from grs_agents.sim.tabletop_episode import open_instance_episode
 from grs_agents.sim.world.spec import WorldSpec, instance_to_spec
 from grs_agents.sim.world.suction import HOLDING_FORCE
@@ -44,14 +43,14 @@ class MjcfScene:
     """The trusted world's spec with the additions of an export."""
 
     instance: TaskInstance
-    made: WorldSpec
+    world: WorldSpec
     portable: bool
     sites: tuple[GoalSite, ...]
 
     @property
     def spec(self) -> Any:
         """The ``mujoco.MjSpec``; its files are still those of the library."""
-        return self.made.spec
+        return self.world.spec
 
 
 def build_mjcf_scene(instance: TaskInstance, library: Library, portable: bool) -> MjcfScene:
@@ -65,132 +64,113 @@ def build_mjcf_scene(instance: TaskInstance, library: Library, portable: bool) -
     Raises:
         SimulationError: the scene cannot be set up, or does not come to rest.
     """
-    made = instance_to_spec(instance, library, visuals=True)
-    made.spec.modelname = re.sub(r"\W", "_", made.spec.modelname) or "scene"
-    for actuator in made.spec.actuators:  # ranges, so that a viewer has a slider for each joint
-        low, high = (float(bound) for bound in made.spec.joint(actuator.target).range)
+    world = instance_to_spec(instance, library, visuals=True)
+    world.spec.modelname = re.sub(r"\W", "_", world.spec.modelname) or "scene"
+    for actuator in world.spec.actuators:  # ranges, so that a viewer has a slider for each joint
+        low, high = (float(bound) for bound in world.spec.joint(actuator.target).range)
         actuator.ctrlrange, actuator.ctrllimited = (low - _BEYOND, high + _BEYOND), True
     if portable:
-        _adapt_spec_to_mujoco_3_3(made)
-    sites = _add_goal_sites(instance, made)
+        _adapt_spec_to_mujoco_3_3(world)
+    sites = _add_goal_sites(instance, world)
     if instance.camera is not None:
-        _add_photo_camera(made.spec, instance.camera)
+        position, rotation = instance.camera.pose
+        x, y, z, w = transforms.multiply_quaternions(rotation, _FLIP)
+        width, height = instance.camera.width, instance.camera.height
+        photo = world.spec.worldbody.add_camera(name="photo", pos=position, quat=(w, x, y, z))
+        photo.resolution, photo.sensor_size = (width, height), (width * _PIXEL, height * _PIXEL)
+        photo.focal_pixel = (instance.camera.fx, instance.camera.fy)
+        # Pixels are counted at their centres; MuJoCo takes the offset of the picture's middle from the optical axis.
+        photo.principal_pixel = ((width - 1) / 2 - instance.camera.cx, (height - 1) / 2 - instance.camera.cy)
+        offscreen = world.spec.visual.global_
+        offscreen.offwidth, offscreen.offheight = max(width, offscreen.offwidth), max(height, offscreen.offheight)
     kind, gradient = mujoco.mjtTexture.mjTEXTURE_SKYBOX, mujoco.mjtBuiltin.mjBUILTIN_GRADIENT
     above, below = (0.93, 0.95, 0.97), (0.75, 0.79, 0.84)
-    made.spec.add_texture(name="sky", type=kind, builtin=gradient, rgb1=above, rgb2=below, width=64, height=384)
-    made.spec.stat.center, made.spec.stat.extent = (0.45, 0.0, 0.1), 0.9  # first view of a viewer
-    made.spec.visual.global_.azimuth, made.spec.visual.global_.elevation = 150.0, -30.0
-    _add_start_keyframe(instance, library, made)
-    return MjcfScene(instance, made, portable, sites)
+    world.spec.add_texture(name="sky", type=kind, builtin=gradient, rgb1=above, rgb2=below, width=64, height=384)
+    world.spec.stat.center, world.spec.stat.extent = (0.45, 0.0, 0.1), 0.9  # first view of a viewer
+    world.spec.visual.global_.azimuth, world.spec.visual.global_.elevation = 150.0, -30.0
+    # Keyframe ``start``: the settled state of the trusted simulation, the arm at home.
+    episode = open_instance_episode(instance, library)
+    episode.reset()
+    physics, dof = episode.sim.physics, world.arm.dof
+    addresses = [physics.world.addresses[episode.task.ids[number]] for number in world.free]
+    places = [physics.data.qpos[start : start + 7] for start in addresses]
+    speeds = [physics.data.qvel[dof + (start - dof) // 7 * 6 :][:6] for start in addresses]
+    home = world.arm.home_joints
+    start = world.spec.add_key(name="start")
+    start.qpos, start.qvel = np.concatenate([home, *places]), np.concatenate([np.zeros(dof), *speeds])
+    start.ctrl = np.concatenate([home, np.zeros(len(list(world.spec.actuators)) - dof)])
+    return MjcfScene(instance, world, portable, sites)
 
 
-def _adapt_spec_to_mujoco_3_3(made: WorldSpec) -> None:
+def _adapt_spec_to_mujoco_3_3(world: WorldSpec) -> None:
     """Remove elements that MuJoCo 3.3 does not read, and hold objects by adhesion."""
-    spec = made.spec
+    spec = world.spec
     spec.option.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
     spec.option.sleep_tolerance = mujoco.MjSpec().option.sleep_tolerance  # the default is not written
     for actuator in spec.actuators:
         actuator.ctrlspec = 0  # MuJoCo 3.3 does not know the word for the command's meaning
     for joint in spec.joints:
         joint.damping[1:] = joint.stiffness[1:] = 0.0  # nor terms of the square and the cube
-    for number in made.graspable:
+    for number in world.graspable:
         spec.delete(spec.equality(f"suction_{number}"))
-    if made.graspable:
-        _replace_cup_by_contact_ring(spec)
+    if world.graspable:
+        # Adhesion is steady if its contacts lie apart; those of a cylinder may all be at one side: a ring of balls
+        # collides in place of the cup's cylinder, with a core drawn back behind them.
+        cup, body, tip = spec.geom("cup"), spec.body("cup"), float(spec.site("tip").pos[2])
+        shared = {"contype": cup.contype, "conaffinity": cup.conaffinity, "group": 3, "mass": 0.0}
+        length = 2 * float(cup.size[1]) - _DRAWN_BACK
+        body.add_geom(
+            name="cup_core",
+            type=cup.type,
+            size=(CUP_RADIUS, length / 2, 0),
+            pos=(0, 0, tip - _DRAWN_BACK - length / 2),
+            **shared,
+        )
+        ball, ring = mujoco.mjtGeom.mjGEOM_SPHERE, CUP_RADIUS - _LIP
+        for index, angle in enumerate(np.arange(_BALLS) * (2 * np.pi / _BALLS)):
+            place = (ring * float(np.cos(angle)), ring * float(np.sin(angle)), tip - _LIP)
+            body.add_geom(name=f"cup_lip_{index}", type=ball, size=(_LIP, 0, 0), pos=place, **shared)
+        cup.contype = cup.conaffinity = 0
         suction = spec.add_actuator(name="suction", target="cup", trntype=mujoco.mjtTrn.mjTRN_BODY)
         suction.set_to_adhesion(gain=HOLDING_FORCE)
         suction.ctrlspec, suction.ctrlrange, suction.ctrllimited = 0, (0.0, 1.0), True
 
 
-def _replace_cup_by_contact_ring(spec: Any) -> None:
-    """Replace the collisions of the cup's cylinder by a ring of balls and a core drawn back behind them.
-
-    Adhesion is steady if its contacts lie apart; those of a cylinder may all be at one side.
-    """
-    cup, body, tip = spec.geom("cup"), spec.body("cup"), float(spec.site("tip").pos[2])
-    shared = {"contype": cup.contype, "conaffinity": cup.conaffinity, "group": 3, "mass": 0.0}
-    length = 2 * float(cup.size[1]) - _DRAWN_BACK
-    body.add_geom(
-        name="cup_core",
-        type=cup.type,
-        size=(CUP_RADIUS, length / 2, 0),
-        pos=(0, 0, tip - _DRAWN_BACK - length / 2),
-        **shared,
-    )
-    ball, ring = mujoco.mjtGeom.mjGEOM_SPHERE, CUP_RADIUS - _LIP
-    for index, angle in enumerate(np.arange(_BALLS) * (2 * np.pi / _BALLS)):
-        place = (ring * float(np.cos(angle)), ring * float(np.sin(angle)), tip - _LIP)
-        body.add_geom(name=f"cup_lip_{index}", type=ball, size=(_LIP, 0, 0), pos=place, **shared)
-    cup.contype = cup.conaffinity = 0
-
-
-def _add_goal_sites(instance: TaskInstance, made: WorldSpec) -> tuple[GoalSite, ...]:
+def _add_goal_sites(instance: TaskInstance, world: WorldSpec) -> tuple[GoalSite, ...]:
     """Add the sites of all goals, in the goals' order."""
     sites: list[GoalSite] = []
     for index, goal in enumerate(instance.goals):
         for number, target in enumerate(goal.targets if goal.metric == "pose" else ()):
             name = f"goal_{index}_target_{number}"
-            _add_site(made.spec.worldbody, name, target, (0.01, 0.01, 0.01), _TARGET)
+            _add_site(world.spec.worldbody, name, target, (0.01, 0.01, 0.01), _TARGET)
             sites.append(GoalSite(name, index, "a pose that an object's origin is to have"))
         for number, zone in enumerate(goal.zones if goal.metric == "zone" else ()):
             name = f"goal_{index}_zone_{number}"
             x, y, z = zone.size
             bottom = transforms.compose_poses(zone.pose, ((0.0, 0.0, -z / 2), (0.0, 0.0, 0.0, 1.0)))  # z is not scored
-            _add_site(made.spec.worldbody, name, bottom, (x / 2, y / 2, _THIN), _ZONE)
+            _add_site(world.spec.worldbody, name, bottom, (x / 2, y / 2, _THIN), _ZONE)
             sites.append(GoalSite(name, index, "a zone that objects are to lie in"))
-        sites += _add_relation_site(index, goal, made)
+        kind = goal.relation_kind
+        if kind in (None, "aligned", "upright"):
+            continue
+        # A typed goal with a place: the site is fixed to the goal's reference object.
+        number = goal.objects[0] if kind == "stacked" else goal.reference_id
+        model = world.models[number]
+        low, high = np.asarray(model.bounds[0]), np.asarray(model.bounds[1])
+        if kind in ("on", "stacked"):
+            low[2] = high[2]
+        elif kind == "near":
+            reach = np.array([1.0, 1.0, 0.0]) * (goal.required_distance or 0.0)
+            low, high = low - reach, high + reach
+        center, half = transforms.to_vec3((low + high) / 2), transforms.to_vec3(np.maximum((high - low) / 2, _THIN))
+        name = f"goal_{index}_{kind}"
+        _add_site(world.spec.body(f"object_{number}"), name, (center, (0.0, 0.0, 0.0, 1.0)), half, _RELATION)
+        shows = f"the place {kind} object_{number}" if kind != "stacked" else "the top of the lowest"
+        sites.append(GoalSite(name, index, shows))
     return tuple(sites)
-
-
-def _add_relation_site(index: int, goal: Goal, made: WorldSpec) -> list[GoalSite]:
-    """Add the site of a typed goal with a place, fixed to the goal's reference object."""
-    kind = goal.relation_kind
-    if kind in (None, "aligned", "upright"):
-        return []
-    number = goal.objects[0] if kind == "stacked" else goal.reference_id
-    model = made.models[number]
-    low, high = np.asarray(model.bounds[0]), np.asarray(model.bounds[1])
-    if goal.relation_kind in ("on", "stacked"):
-        low[2] = high[2]
-    elif goal.relation_kind == "near":
-        reach = np.array([1.0, 1.0, 0.0]) * (goal.required_distance or 0.0)
-        low, high = low - reach, high + reach
-    center, half = transforms.to_vec3((low + high) / 2), transforms.to_vec3(np.maximum((high - low) / 2, _THIN))
-    name = f"goal_{index}_{kind}"
-    _add_site(made.spec.body(f"object_{number}"), name, (center, (0.0, 0.0, 0.0, 1.0)), half, _RELATION)
-    return [
-        GoalSite(name, index, f"the place {kind} object_{number}" if kind != "stacked" else "the top of the lowest")
-    ]
 
 
 def _add_site(body: Any, name: str, pose: Pose, half: Vec3, rgba: tuple[float, ...]) -> None:
     position, (x, y, z, w) = pose
     box = mujoco.mjtGeom.mjGEOM_BOX
     body.add_site(name=name, type=box, pos=position, quat=(w, x, y, z), size=half, rgba=rgba, group=_GOAL_GROUP)
-
-
-def _add_photo_camera(spec: Any, camera: InstanceCamera) -> None:
-    position, rotation = camera.pose
-    x, y, z, w = transforms.multiply_quaternions(rotation, _FLIP)
-    width, height = camera.width, camera.height
-    photo = spec.worldbody.add_camera(name="photo", pos=position, quat=(w, x, y, z))
-    photo.resolution, photo.sensor_size = (width, height), (width * _PIXEL, height * _PIXEL)
-    photo.focal_pixel = (camera.fx, camera.fy)
-    # Pixels are counted at their centres; MuJoCo takes the offset of the picture's middle from the optical axis.
-    photo.principal_pixel = ((width - 1) / 2 - camera.cx, (height - 1) / 2 - camera.cy)
-    offscreen = spec.visual.global_
-    offscreen.offwidth, offscreen.offheight = max(width, offscreen.offwidth), max(height, offscreen.offheight)
-
-
-def _add_start_keyframe(instance: TaskInstance, library: Library, made: WorldSpec) -> None:
-    """Add the keyframe ``start``: the settled state of the trusted simulation, the arm at home."""
-    episode = open_instance_episode(instance, library)
-    episode.reset()
-    physics, dof = episode.sim.physics, made.arm.dof
-    addresses = [physics.world.addresses[episode.task.ids[number]] for number in made.free]
-    places = [physics.data.qpos[start : start + 7] for start in addresses]
-    speeds = [physics.data.qvel[dof + (start - dof) // 7 * 6 :][:6] for start in addresses]
-    home = made.arm.home_joints
-    start = made.spec.add_key(name="start")
-    start.qpos, start.qvel = np.concatenate([home, *places]), np.concatenate([np.zeros(dof), *speeds])
-    start.ctrl = np.concatenate([home, np.zeros(len(list(made.spec.actuators)) - dof)])

@@ -159,7 +159,7 @@ def _body_and_actuator_lines(scene: MjcfScene, model: Any, library: Library) -> 
     yield "| body | what it is | kg | moves | from |\n|---|---|---|---|---|"
     for item in instance.objects:
         mass = float(model.body(f"object_{item.id}").mass[0])
-        moves = "freely" if item.id in scene.made.free else "no"
+        moves = "freely" if item.id in scene.world.free else "no"
         asset = library.asset(item.asset)
         role = ", a bystander: it should stay" if item.role == "bystander" else ""
         what = _escape_markdown((f"{asset.kind}, filled in by the task" if item.fill else asset.description) + role)
@@ -167,7 +167,7 @@ def _body_and_actuator_lines(scene: MjcfScene, model: Any, library: Library) -> 
         yield f"| `object_{item.id}` | {' | '.join(cells)} |"
     if instance.background is not None:
         yield f"| `background` | what stands around, as photographed | | no | {_escape_markdown(instance.background)} |"
-    links = ", ".join(f"`{name}`" for name in scene.made.arm.link_names)
+    links = ", ".join(f"`{name}`" for name in scene.world.arm.link_names)
     yield f"| {links} | the robot, {_escape_markdown(instance.robot.rsplit('/', 1)[-1])} | | | |"
     yield "\nA free object's joint is called like its body."
     yield "\n| actuator | moves | command |\n|---|---|---|"

@@ -110,7 +110,20 @@ def grade_task(
         learned_success=learned,
         demonstrations=demonstrations,
     )
-    parts = _make_parts(figures)
+    play, gap = figures.tolerance.metres, figures.clutter.nearest
+    rows = [
+        ("moves", figures.moves, "moves", figures.moves / (figures.moves + 4), 0.2),
+        ("hand noise", figures.half_noise, "m", 0.01 / (0.01 + figures.half_noise), 0.2),
+        ("tolerance", play, "m", 0.01 / (0.01 + play), 0.1),
+        ("clutter", gap, "m", 0.05 / (0.05 + gap), 0.1),
+    ]
+    if figures.learned_success is not None and figures.random_success is not None:  # else they were not measured
+        rows.append(("learned policy", figures.learned_success, "share", 1 - figures.learned_success, 0.3))
+        rows.append(("random policy", figures.random_success, "share", 1 - figures.random_success, 0.1))
+    parts = tuple(
+        GradePart(name=name, value=value, unit=unit, difficulty=round(hard, 3), weight=weight, meaning=_MEANINGS[name])
+        for name, value, unit, hard, weight in rows
+    )
     difficulty = sum(part.weight * part.difficulty for part in parts) / sum(part.weight for part in parts)
     return Grade(difficulty=round(difficulty, 3), parts=parts, figures=figures)
 
@@ -132,25 +145,6 @@ _MEANINGS = {
     "learned policy": "episodes solved by a small policy that imitates a few demonstrations",
     "random policy": "episodes that chance solves",
 }
-
-
-def _make_parts(figures: Figures) -> tuple[GradePart, ...]:
-    """Figures with their difficulties; figures that were not measured are left out."""
-    moves, noise = figures.moves, figures.half_noise
-    play, gap = figures.tolerance.metres, figures.clutter.nearest
-    rows = [
-        ("moves", moves, "moves", moves / (moves + 4), 0.2),
-        ("hand noise", noise, "m", 0.01 / (0.01 + noise), 0.2),
-        ("tolerance", play, "m", 0.01 / (0.01 + play), 0.1),
-        ("clutter", gap, "m", 0.05 / (0.05 + gap), 0.1),
-    ]
-    if figures.learned_success is not None and figures.random_success is not None:
-        rows.append(("learned policy", figures.learned_success, "share", 1 - figures.learned_success, 0.3))
-        rows.append(("random policy", figures.random_success, "share", 1 - figures.random_success, 0.1))
-    return tuple(
-        GradePart(name=name, value=value, unit=unit, difficulty=round(hard, 3), weight=weight, meaning=_MEANINGS[name])
-        for name, value, unit, hard, weight in rows
-    )
 
 
 def measure_clutter(instance: TaskInstance, library: Library) -> Clutter:
@@ -196,29 +190,22 @@ def _goal_tolerances(
     """Tolerances (metres, degrees) of each object of a goal."""
     for number, symmetry in zip(goal.objects, goal.symmetries, strict=True):
         if goal.metric == "pose":
-            asked = goal.rotations and symmetry > 0
-            yield instance.pos_eps, math.degrees(instance.rot_eps) if asked else _ANY_YAW
+            turns = goal.rotations and symmetry > 0
+            yield instance.pos_eps, math.degrees(instance.rot_eps) if turns else _ANY_YAW
         elif goal.metric == "zone":
-            sharers = {member for other in instance.goals if other.zones == goal.zones for member in other.objects}
+            sharers = {member for peer in instance.goals if peer.zones == goal.zones for member in peer.objects}
             yield max(_max_offset_in_rectangle(zone.size[:2], number, sharers, models) for zone in goal.zones), _ANY_YAW
+        elif goal.relation_kind in ("inside", "in_zone"):
+            model = models[goal.reference_id]
+            room = measure_inner_size(model, library) if goal.relation_kind == "inside" else None
+            sharers = {member for peer in instance.goals if peer.has_same_relation(goal) for member in peer.objects}
+            yield _max_offset_in_rectangle((room or model.size)[:2], number, sharers, models), _ANY_YAW
+        elif goal.relation_kind in ("stacked", "on"):
+            carriers = goal.objects if goal.relation_kind == "stacked" else (goal.reference_id,)
+            yield min(min(models[carrier].size[:2]) / 2 for carrier in carriers), _ANY_YAW
         else:
-            yield _relation_position_tolerance(goal, number, instance.goals, models, library), _ANY_YAW
-
-
-def _relation_position_tolerance(
-    goal: Goal, number: int, goals: Sequence[Goal], models: dict[int, ObjectModel], library: Library
-) -> float:
-    """Position tolerance of an object of a typed goal, metres."""
-    kind = goal.relation_kind
-    if kind in ("inside", "in_zone"):
-        model = models[goal.reference_id]
-        room = measure_inner_size(model, library) if kind == "inside" else None
-        sharers = {member for other in goals if other.has_same_relation(goal) for member in other.objects}
-        return _max_offset_in_rectangle((room or model.size)[:2], number, sharers, models)
-    if kind in ("stacked", "on"):
-        carriers = goal.objects if kind == "stacked" else (goal.reference_id,)
-        return min(min(models[other].size[:2]) / 2 for other in carriers)
-    return {"aligned": POSITION_TOLERANCE, "near": goal.required_distance}.get(str(kind)) or _FAR
+            distances = {"aligned": POSITION_TOLERANCE, "near": goal.required_distance}
+            yield distances.get(str(goal.relation_kind)) or _FAR, _ANY_YAW
 
 
 def _max_offset_in_rectangle(

@@ -136,7 +136,18 @@ class Classifier:
         sizes = (features.shape[1], _HIDDEN, _HIDDEN, classes)
         self._layers = [(rng.standard_normal((a, b)) * np.sqrt(2 / a), np.zeros(b)) for a, b in pairwise(sizes)]
         if classes > 1:
-            self._train(features, np.eye(classes)[labels], rng, iterations)
+            wanted = np.eye(classes)[labels]
+            parameters = [part for layer in self._layers for part in layer]
+            means, squares = [np.zeros_like(part) for part in parameters], [np.zeros_like(part) for part in parameters]
+            for step in range(1, iterations + 1):
+                rows = rng.integers(0, len(features), _BATCH)
+                passed = self._forward(features[rows] + _BLUR * rng.standard_normal((_BATCH, features.shape[1])))
+                rate = _RATE * 0.5 * (1 + np.cos(np.pi * step / iterations))
+                for index, gradient in enumerate(self._cross_entropy_gradients(passed, wanted[rows])):
+                    means[index] += 0.1 * (gradient - means[index])
+                    squares[index] += 0.001 * (gradient**2 - squares[index])
+                    mean, square = means[index] / (1 - 0.9**step), squares[index] / (1 - 0.999**step)
+                    parameters[index] -= rate * mean / (np.sqrt(square) + 1e-8)
 
     def logits(self, features: FloatArray) -> FloatArray:
         """Logits (N, classes) of features (N, F)."""
@@ -150,19 +161,6 @@ class Classifier:
             values = values if depth == len(self._layers) - 1 else np.maximum(values, 0.0)
             passed.append(values)
         return passed
-
-    def _train(self, features: FloatArray, wanted: FloatArray, rng: np.random.Generator, iterations: int) -> None:
-        parameters = [part for layer in self._layers for part in layer]
-        means, squares = [np.zeros_like(part) for part in parameters], [np.zeros_like(part) for part in parameters]
-        for step in range(1, iterations + 1):
-            rows = rng.integers(0, len(features), _BATCH)
-            passed = self._forward(features[rows] + _BLUR * rng.standard_normal((_BATCH, features.shape[1])))
-            rate = _RATE * 0.5 * (1 + np.cos(np.pi * step / iterations))
-            for index, gradient in enumerate(self._cross_entropy_gradients(passed, wanted[rows])):
-                means[index] += 0.1 * (gradient - means[index])
-                squares[index] += 0.001 * (gradient**2 - squares[index])
-                mean, square = means[index] / (1 - 0.9**step), squares[index] / (1 - 0.999**step)
-                parameters[index] -= rate * mean / (np.sqrt(square) + 1e-8)
 
     def _cross_entropy_gradients(self, passed: list[FloatArray], wanted: FloatArray) -> list[FloatArray]:
         """Gradients of the cross-entropy for the weights and biases of all layers in turn."""

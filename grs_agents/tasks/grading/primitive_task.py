@@ -75,7 +75,7 @@ class PrimitiveTask:
 
     @property
     def is_over(self) -> bool:
-        """Whether all goals are met or the steps are used up."""
+        """True if all goals are met or the steps are used up."""
         return self._done
 
     @property
@@ -85,7 +85,7 @@ class PrimitiveTask:
 
     @property
     def is_solved(self) -> bool:
-        """Whether every goal is met strictly."""
+        """True if every goal is met strictly."""
         return min(self.episode.strict, self.episode.reward) >= SOLVED
 
     def object_frame(self, number: int) -> Frame:
@@ -137,28 +137,24 @@ class PrimitiveTask:
     def carry(self, decision: CarryDecision) -> None:
         """Carry out a decision; an error of the simulation ends the episode."""
         try:
-            self._step(self._action_for_decision(decision))
+            sim, number = self._sim, self._task.ids[decision.object]
+            position, rotation = sim.get_object_pose(number)
+            prism = sim.object_prism(number)
+            others = [neighbour for neighbour in sim.collider_prisms() if neighbour.owner != number]
+            hold = find_grasp(sim.physics, number, prism, others).point or (position[0], position[1], prism.high)
+            turn = (decision.yaw - transforms.yaw_of_quaternion(rotation) + math.pi) % (2 * math.pi) - math.pi
+            about = transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, turn))
+            there: Pose = ((*decision.place, position[2]), transforms.multiply_quaternions(about, rotation))
+            body = object_prism_at_pose(sim.object_model(number), there, number)
+            ground = float(rest_heights_at_offsets(body, others, np.zeros((1, 2)), 0.0)[0])
+            dx, dy, _ = transforms.quaternion_to_matrix(about) @ (hold[0] - position[0], hold[1] - position[1], 0.0)
+            place = (decision.place[0] + float(dx), decision.place[1] + float(dy), ground + hold[2] - prism.low)
+            self._step({"pose0": (hold, transforms.IDENTITY), "pose1": (place, about)})
         except GrsError as error:
             self._sim.recorder.stop, self._done = make_stop_from_error(error), True
 
     def _step(self, action: dict[str, Pose]) -> None:
         self._done = self._episode.step(action)[2]
-
-    def _action_for_decision(self, decision: CarryDecision) -> dict[str, Pose]:
-        """Poses of the cup that pick the object at its best free point and lower it until it rests."""
-        sim, number = self._sim, self._task.ids[decision.object]
-        position, rotation = sim.get_object_pose(number)
-        prism = sim.object_prism(number)
-        others = [other for other in sim.collider_prisms() if other.owner != number]
-        hold = find_grasp(sim.physics, number, prism, others).point or (position[0], position[1], prism.high)
-        turn = (decision.yaw - transforms.yaw_of_quaternion(rotation) + math.pi) % (2 * math.pi) - math.pi
-        about = transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, turn))
-        there: Pose = ((*decision.place, position[2]), transforms.multiply_quaternions(about, rotation))
-        body = object_prism_at_pose(sim.object_model(number), there, number)
-        ground = float(rest_heights_at_offsets(body, others, np.zeros((1, 2)), 0.0)[0])
-        dx, dy, _ = transforms.quaternion_to_matrix(about) @ (hold[0] - position[0], hold[1] - position[1], 0.0)
-        place = (decision.place[0] + float(dx), decision.place[1] + float(dy), ground + hold[2] - prism.low)
-        return {"pose0": (hold, transforms.IDENTITY), "pose1": (place, about)}
 
     def expert_decisions(self, noise: float = 0.0, rng: np.random.Generator | None = None) -> Iterator["ExpertChoice"]:
         """Let the expert act; yields a policy's inputs and the expert's decision for each action.
@@ -195,18 +191,18 @@ def _pose_to_frame(pose: Pose) -> Frame:
     return pose[0][0], pose[0][1], transforms.yaw_of_quaternion(pose[1])
 
 
-def relative_frame(frame: Frame, other: Frame) -> Frame:
-    """``other`` in the frame ``frame``."""
-    dx, dy = other[0] - frame[0], other[1] - frame[1]
+def relative_frame(frame: Frame, target: Frame) -> Frame:
+    """``target`` in the frame ``frame``."""
+    dx, dy = target[0] - frame[0], target[1] - frame[1]
     cos, sin = math.cos(frame[2]), math.sin(frame[2])
-    return cos * dx + sin * dy, cos * dy - sin * dx, other[2] - frame[2]
+    return cos * dx + sin * dy, cos * dy - sin * dx, target[2] - frame[2]
 
 
-def absolute_frame(frame: Frame, other: Frame) -> Frame:
-    """``other``, given in the frame ``frame``, in the robot frame."""
+def absolute_frame(frame: Frame, relative: Frame) -> Frame:
+    """``relative``, given in the frame ``frame``, in the robot frame."""
     cos, sin = math.cos(frame[2]), math.sin(frame[2])
-    x, y = frame[0] + cos * other[0] - sin * other[1], frame[1] + sin * other[0] + cos * other[1]
-    return x, y, frame[2] + other[2]
+    x, y = frame[0] + cos * relative[0] - sin * relative[1], frame[1] + sin * relative[0] + cos * relative[1]
+    return x, y, frame[2] + relative[2]
 
 
 def demonstrate(

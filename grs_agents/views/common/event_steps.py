@@ -100,31 +100,28 @@ class Steps:
             self._interrupt_running_steps()
         # events of threads without a step belong to the running step
         elif step := (self.running_step if event.step is None else self._steps.get(event.step)):
-            self._add_event_to_step(step, event)
+            step.events.append(event)
+            if isinstance(event, NodeEnded):
+                step.status = "failed" if event.error else "done"
+                step.seconds = event.seconds
+                if event.error:
+                    step.details.append(event.error)
+                return
+            if isinstance(event, Decision):
+                self.decision = event
+            if isinstance(event, Reply):
+                step.input_tokens += event.input_tokens
+                step.output_tokens += event.output_tokens
+                if event.cost is not None:
+                    step.cost = (step.cost or 0.0) + event.cost
+            text = summarise_event(event)
+            if text:
+                step.details.append(text)
 
     def _interrupt_running_steps(self) -> None:
         for step in self.rows:
             if step.status == "running":
                 step.status = "interrupted"
-
-    def _add_event_to_step(self, step: Step, event: Event) -> None:
-        step.events.append(event)
-        if isinstance(event, NodeEnded):
-            step.status = "failed" if event.error else "done"
-            step.seconds = event.seconds
-            if event.error:
-                step.details.append(event.error)
-            return
-        if isinstance(event, Decision):
-            self.decision = event
-        if isinstance(event, Reply):
-            step.input_tokens += event.input_tokens
-            step.output_tokens += event.output_tokens
-            if event.cost is not None:
-                step.cost = (step.cost or 0.0) + event.cost
-        text = summarise_event(event)
-        if text:
-            step.details.append(text)
 
 
 def summarise_event(event: Event) -> str:

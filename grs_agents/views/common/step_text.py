@@ -60,12 +60,33 @@ def iter_step_sections(step: Step) -> Iterator[Section]:
 def make_event_section(event: Event) -> Section | None:
     """``event`` as a heading with text; None for events without text."""
     match event:
-        case Prompt() | Reply() | ToolCall():
-            section = _make_exchange_section(event)
+        case Prompt():
+            pictures = "".join(f"\n[picture {name}]" for name in event.images)
+            heading = f"prompt of {event.role} to {event.model} (call {event.call})"
+            section = Section(heading, event.text + pictures)
+        case Reply():
+            cached = f" ({event.cached_tokens} from the cache)" if event.cached_tokens else ""
+            cost = "" if event.cost is None else f", ${event.cost:.4f}"
+            ending = f", {event.finish_reason}" if event.finish_reason else ""
+            tokens = f"{event.input_tokens} tokens in{cached}, {event.output_tokens} out"
+            usage = f"{tokens}{cost}, {event.seconds:.1f} s{ending}"
+            heading = f"reply of {event.model} to {event.role} (call {event.call}): {usage}"
+            section = Section(heading, event.text + (f"\n\nnot used: {event.error}" if event.error else ""))
+        case ToolCall():
+            failed = "" if event.ok else ", failed"
+            arguments = "\n".join(f"{name}: {value}" for name, value in event.arguments.items())
+            heading = f"{event.role} calls {event.tool}{failed}, {event.seconds:.1f} s"
+            section = Section(heading, f"{arguments}\n\n{event.result}".strip())
         case ProgramVersion():
             section = Section(f"{event.program} version {event.number}, {event.path}", event.diff)
         case TestsRun():
-            section = Section(f"tests: {event.report.get('outcome')}", _format_test_report(event))
+            parts = [format_outcome_counts(event), str(event.report.get("message") or "")]
+            for case in get_test_cases(event):
+                message = f": {case['message']}" if case.get("message") else ""
+                details = [f"{case.get('id')}: {case.get('outcome')} in {case.get('seconds') or 0:.2f} s{message}"]
+                details += [str(case[key]).rstrip() for key in ("traceback", "output") if case.get(key)]
+                parts.append("\n".join(filter(None, [*details, format_oracle_episode(case)])))
+            section = Section(f"tests: {event.report.get('outcome')}", "\n\n".join(filter(None, parts)))
         case Decision():
             section = Section(f"decision of policy {event.policy}: {event.verdict}", event.explanation)
         case TaskDefined():
@@ -90,33 +111,3 @@ def make_event_section(event: Event) -> Section | None:
         case _:
             section = None
     return section
-
-
-def _make_exchange_section(event: Prompt | Reply | ToolCall) -> Section:
-    match event:
-        case Prompt():
-            pictures = "".join(f"\n[picture {name}]" for name in event.images)
-            return Section(f"prompt of {event.role} to {event.model} (call {event.call})", event.text + pictures)
-        case Reply():
-            cached = f" ({event.cached_tokens} from the cache)" if event.cached_tokens else ""
-            cost = "" if event.cost is None else f", ${event.cost:.4f}"
-            ending = f", {event.finish_reason}" if event.finish_reason else ""
-            tokens = f"{event.input_tokens} tokens in{cached}, {event.output_tokens} out"
-            usage = f"{tokens}{cost}, {event.seconds:.1f} s{ending}"
-            heading = f"reply of {event.model} to {event.role} (call {event.call}): {usage}"
-            return Section(heading, event.text + (f"\n\nnot used: {event.error}" if event.error else ""))
-        case ToolCall():
-            failed = "" if event.ok else ", failed"
-            arguments = "\n".join(f"{name}: {value}" for name, value in event.arguments.items())
-            heading = f"{event.role} calls {event.tool}{failed}, {event.seconds:.1f} s"
-            return Section(heading, f"{arguments}\n\n{event.result}".strip())
-
-
-def _format_test_report(event: TestsRun) -> str:
-    parts = [format_outcome_counts(event), str(event.report.get("message") or "")]
-    for case in get_test_cases(event):
-        message = f": {case['message']}" if case.get("message") else ""
-        lines = [f"{case.get('id')}: {case.get('outcome')} in {case.get('seconds') or 0:.2f} s{message}"]
-        lines += [str(case[key]).rstrip() for key in ("traceback", "output") if case.get(key)]
-        parts.append("\n".join(filter(None, [*lines, format_oracle_episode(case)])))
-    return "\n\n".join(filter(None, parts))

@@ -106,7 +106,7 @@ def make_rollout_shot(folder: Path, seed: int | None = None, size: tuple[int, in
 
 
 def render_takes(takes: Sequence[Take]) -> Iterator[Image]:
-    """Images (H, W, 3) of several shots of one size, in order; a renderer's start costs as much as 30 images.
+    """Images (H, W, 3) of several shots of equal size, in order; a renderer's start costs as much as 30 images.
     Backends are tried in turn."""
     for backend in _BACKENDS:
         started = False
@@ -193,7 +193,23 @@ def write_film(shot: RolloutShot, path: Path, rate: float = 15.0, show: Callable
         with decode_in_worker(shot.folder):
             images = render_film_frames(shot, rate, show)
             if not animated:
-                return _write_mp4(images, path, rate, (shot.width, shot.height))
+                import cv2
+
+                size = (shot.width, shot.height)
+                for codec in ("vp09", "mp4v"):  # VP9, which browsers play, else MPEG-4
+                    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), rate, size)
+                    if writer.isOpened():
+                        break
+                else:
+                    raise InputError(
+                        f"cannot write {path}: OpenCV has no encoder for it", "name a .gif, or a writable folder"
+                    )
+                count = 0
+                for image in images:
+                    writer.write(np.ascontiguousarray(image[:, :, ::-1]))
+                    count += 1
+                writer.release()
+                return count
             frames = list(images)
         path.write_bytes(encode_animation(frames, rate, path.suffix.lower()[1:]))
     except OSError as error:
@@ -226,24 +242,6 @@ def draw_take_captions(take: Take, images: Iterator[Image]) -> Iterator[Image]:
     instance = read_task_instance(resolve_member_file(shot.folder, shot.event.instance or ""))
     captions = write_moment_captions(shot.event, instance, shot.recorded_motion, seconds)
     return (draw_caption(image, caption) for image, caption in zip(images, captions, strict=False))
-
-
-def _write_mp4(images: Iterator[Image], path: Path, rate: float, size: tuple[int, int]) -> int:
-    """Encode images of ``size`` (width, height) as VP9, which browsers play, else as MPEG-4. Returns: frame count."""
-    import cv2
-
-    for codec in ("vp09", "mp4v"):
-        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), rate, size)
-        if writer.isOpened():
-            break
-    else:
-        raise InputError(f"cannot write {path}: OpenCV has no encoder for it", "name a .gif, or a writable folder")
-    count = 0
-    for image in images:
-        writer.write(np.ascontiguousarray(image[:, :, ::-1]))
-        count += 1
-    writer.release()
-    return count
 
 
 def encode_animation(images: Sequence[Image], rate: float, kind: str) -> bytes:

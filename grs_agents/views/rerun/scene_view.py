@@ -106,8 +106,30 @@ class SceneStageView:
         if "masks" in event.files:
             self._show_masks_and_boxes(recording)
         if objects:
-            _show_bounding_boxes(recording, objects)
-            recording.log_markdown(Paths.OBJECTS, _format_object_table(objects, event.summary.get("coverage")))
+            boxed = [item for item in objects if item.get("box")]
+            low = np.array([item["box"]["low"] for item in boxed], dtype=np.float64).reshape(-1, 3)
+            high = np.array([item["box"]["high"] for item in boxed], dtype=np.float64).reshape(-1, 3)
+            centers = (low + high) / 2
+            labels = [replace_undrawable_chars(object_display_name(item)) for item in boxed]
+            boxes = rr.Boxes3D(
+                centers=centers,
+                sizes=high - low,
+                colors=[_BOX] * len(boxed),
+                labels=labels,
+                show_labels=True,
+                radii=[0.001],
+            )
+            recording.log(f"{Paths.SCENE}/boxes", boxes)
+            coverage = event.summary.get("coverage")
+            rows = ["### Objects in the photo", "", "| | name | size (cm) | asset |", "|---|---|---|---|"]
+            for index, item in enumerate(objects):
+                asset, name = to_markdown_cell(item.get("asset") or ""), to_markdown_cell(object_display_name(item))
+                rows.append(
+                    f"| {object_mask_label(item, index)} | {name} | {format_object_size(item, '?')} | {asset} |"
+                )
+            if coverage:
+                rows += ["", f"coverage: {coverage['share']:.2f} of what rises above the table"]
+            recording.log_markdown(Paths.OBJECTS, to_viewer_markdown("\n".join(rows)))
             self._show_twin_objects(recording, objects)
         background = event.summary.get("asset" if event.stage == "background" else "background")
         if background:
@@ -203,27 +225,3 @@ def _label_color(label: int) -> tuple[int, int, int]:
     """A colour unlike those of the preceding labels: hues are spaced by the golden ratio."""
     red, green, blue = colorsys.hsv_to_rgb(label * 0.618034 % 1.0, 0.75, 1.0)
     return round(255 * red), round(255 * green), round(255 * blue)
-
-
-def _format_object_table(objects: list[dict[str, Any]], coverage: dict[str, Any] | None) -> str:
-    """The objects as a table, numbered as on the photo, where names would overlap; below it the measured coverage."""
-    rows = ["### Objects in the photo", "", "| | name | size (cm) | asset |", "|---|---|---|---|"]
-    for index, item in enumerate(objects):
-        asset, name = to_markdown_cell(item.get("asset") or ""), to_markdown_cell(object_display_name(item))
-        rows.append(f"| {object_mask_label(item, index)} | {name} | {format_object_size(item, '?')} | {asset} |")
-    if coverage:
-        rows += ["", f"coverage: {coverage['share']:.2f} of what rises above the table"]
-    return to_viewer_markdown("\n".join(rows))
-
-
-def _show_bounding_boxes(recording: RerunRecording, objects: list[dict[str, Any]]) -> None:
-    """The axis-aligned boxes in the robot frame."""
-    boxed = [item for item in objects if item.get("box")]
-    low = np.array([item["box"]["low"] for item in boxed], dtype=np.float64).reshape(-1, 3)
-    high = np.array([item["box"]["high"] for item in boxed], dtype=np.float64).reshape(-1, 3)
-    centers = (low + high) / 2
-    labels = [replace_undrawable_chars(object_display_name(item)) for item in boxed]
-    boxes = rr.Boxes3D(
-        centers=centers, sizes=high - low, colors=[_BOX] * len(boxed), labels=labels, show_labels=True, radii=[0.001]
-    )
-    recording.log(f"{Paths.SCENE}/boxes", boxes)

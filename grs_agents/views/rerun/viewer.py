@@ -76,7 +76,7 @@ def viewer_environment() -> dict[str, str]:
 
 
 def has_display(environment: Mapping[str, str] = os.environ, platform: str = sys.platform) -> bool:
-    """Whether a window can open; on Linux that needs X11 or Wayland."""
+    """True if a window can open; on Linux that needs X11 or Wayland."""
     return not platform.startswith("linux") or bool(environment.get("DISPLAY") or environment.get("WAYLAND_DISPLAY"))
 
 

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from evals.benchmark.ablation_figures import tell_figures
-from evals.benchmark.ablation_runs import Measured
+from evals.benchmark.ablation_runs import Measured, tell_figures
 from grs_agents.base.errors import InputError
 from grs_agents.runs.experiment_run import ExperimentParser
 from grs_agents.runs.experiments import load_experiment

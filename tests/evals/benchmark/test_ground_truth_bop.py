@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from evals.benchmark.box_errors import object_figures
-from evals.benchmark.ground_truth import read_labelled
-from evals.benchmark.ground_truth_bop import bop_sources
+from evals.benchmark.ground_truth import bop_sources, read_labelled
 from evals.synthesis import Recipe, SynthesisedScene, synthesise
 from grs_agents.base.errors import InputError
 from grs_agents.library.library import Library

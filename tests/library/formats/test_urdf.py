@@ -52,6 +52,17 @@ def test_everything_a_urdf_says_is_read(tmp_path: Path) -> None:
     assert model.size == pytest.approx((0.2, 0.2, 1.35))
 
 
+def test_a_mesh_collides_as_the_convex_parts_beside_it(tmp_path: Path) -> None:
+    for name in ("m.obj", "m.part0.obj", "m.part1.obj", "m.part3.obj"):  # numbers run without gaps
+        (tmp_path / name).write_text(TETRAHEDRON)
+    mesh = '<geometry><mesh filename="m.obj"/></geometry>'
+    model = read_urdf(
+        robot(f"<visual>{mesh}</visual><collision>{mesh}</collision><collision>{BOX}</collision>"), tmp_path
+    )
+    assert [shape.mesh for shape in model.colliders] == ["m.part0.obj", "m.part1.obj", None]
+    assert [shape.mesh for shape in model.visuals] == ["m.obj"]
+
+
 def test_text_finds_its_files_from_the_folder_it_names(tmp_path: Path) -> None:
     (tmp_path / "deep").mkdir()
     (tmp_path / "deep" / "m.obj").write_text(TETRAHEDRON)

@@ -6,8 +6,8 @@ import pytest
 from grs_agents.base.errors import InputError
 from grs_agents.base.files import write_json
 from grs_agents.library.library import Library
-from grs_agents.sim import instantiate
-from grs_agents.tasks.grading.grade import grade_task, noise_at_half_success
+from grs_agents.sim import instantiate, near, stacked
+from grs_agents.tasks.grading.grade import grade_task, measure_tolerance, noise_at_half_success
 from grs_agents.tasks.grading.primitive_policy import PrimitiveDemonstration, PrimitivePolicy
 from grs_agents.tasks.grading.primitive_task import (
     CarryDecision,
@@ -78,6 +78,27 @@ def test_right_answers_of_two_kinds_are_told_apart_rather_than_averaged() -> Non
         assert (number, x) == (0, pytest.approx(0.2 * np.sign(told[0]), abs=0.02))
         assert y == pytest.approx(0.1 * told[1], abs=0.02)
         assert np.cos(yaw) == pytest.approx(np.sign(told[0]), abs=0.05)
+
+
+def test_the_tolerance_of_a_typed_goal_follows_from_its_relation() -> None:
+    def narrow_tower(task, env) -> None:
+        base = env.add_object("block/red_block.urdf", at(0.5, 0.0, 0.02))
+        can = env.add_object("HOPE/Corn.urdf", at(0.45, -0.2, 0.029))
+        task.add_goal(stacked([base, can]))
+
+    def neighbours(task, env) -> None:
+        first = env.add_object("block/red_block.urdf", at(0.5, 0.0, 0.02))
+        second = env.add_object("block/blue_block.urdf", at(0.5, 0.2, 0.02))
+        task.add_goal(near([first], second, 0.07))
+
+    tower = instantiate(Scripted(narrow_tower, max_steps=3), 0, LIBRARY)
+    narrowest = min(min(LIBRARY.asset(item.asset).size[:2]) for item in tower.objects)
+    widest = max(min(LIBRARY.asset(item.asset).size[:2]) for item in tower.objects)
+    assert widest > narrowest + 0.01
+    tolerance = measure_tolerance(tower, LIBRARY)
+    assert (tolerance.metres, tolerance.degrees) == (pytest.approx(narrowest / 2, abs=1e-3), 180.0)
+    beside = instantiate(Scripted(neighbours, max_steps=3), 0, LIBRARY)
+    assert measure_tolerance(beside, LIBRARY).metres == pytest.approx(0.07)
 
 
 def test_noise_at_which_success_halves_lies_between_the_levels_tried() -> None:

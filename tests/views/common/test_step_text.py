@@ -9,10 +9,15 @@ from hypothesis import strategies as st
 
 from grs_agents.base.control_characters import escape_control_chars
 from grs_agents.base.errors import InputError
-from grs_agents.base.trace.events import Finding, NodeEnded, NodeStarted
+from grs_agents.base.trace.events import Finding, NodeEnded, NodeStarted, Reply
 from grs_agents.base.trace.log import read_events
 from grs_agents.views.common.event_steps import Step, Steps, group_events_into_steps
-from grs_agents.views.common.step_text import find_last_failed_step, find_step_by_number, iter_step_sections
+from grs_agents.views.common.step_text import (
+    find_last_failed_step,
+    find_step_by_number,
+    iter_step_sections,
+    make_event_section,
+)
 from tests.views.conftest import DIFF, SECOND
 
 
@@ -36,6 +41,27 @@ def test_a_step_tells_its_prompt_reply_and_diff_exactly(rows: list[Step]) -> Non
     assert f"```python\n{SECOND}```" in text
     assert "900 tokens in, 120 out" in text
     assert DIFF in text
+
+
+def test_a_reply_tells_its_tokens_from_the_cache_its_cost_and_why_it_was_not_used() -> None:
+    reply = Reply(
+        role="task",
+        model="m",
+        call="2",
+        text="hello",
+        input_tokens=30,
+        output_tokens=4,
+        cached_tokens=12,
+        cost=0.03,
+        seconds=1.5,
+        finish_reason="stop",
+        error="no JSON",
+    )
+    section = make_event_section(reply)
+    assert section is not None
+    usage = "30 tokens in (12 from the cache), 4 out, $0.0300, 1.5 s, stop"
+    assert section.heading == f"reply of m to task (call 2): {usage}"
+    assert section.text == "hello\n\nnot used: no JSON"
 
 
 def test_a_failing_test_comes_with_its_traceback_and_what_the_oracle_did(rows: list[Step]) -> None:
