@@ -10,6 +10,7 @@ from typing import Any
 
 from evals.benchmark.segmentation_metrics import sum_scores
 from evals.benchmark.types import ObjectFigures, RunFigures, SceneFigures
+from grs_agents.base.control_characters import escape_formula
 from grs_agents.base.files import write_json, write_text
 from grs_agents.runs.experiments import markdown_table
 from grs_agents.runs.metrics import Figure, metrics_to_dicts
@@ -238,7 +239,7 @@ def csv_text(columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:
     text = io.StringIO()
     writer = csv.DictWriter(text, columns, lineterminator="\n")
     writer.writeheader()
-    writer.writerows(rows)
+    writer.writerows({column: escape_formula(cell) for column, cell in row.items()} for row in rows)
     return text.getvalue()
 
 

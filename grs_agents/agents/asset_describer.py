@@ -19,7 +19,9 @@ from grs_agents.agents.reply import ReplyError, parse_json
 from grs_agents.agents.types import ModelReply
 from grs_agents.base import Frozen, content
 from grs_agents.base.config.schema import ModelConfig
+from grs_agents.base.errors import InputError
 from grs_agents.base.files import write_json
+from grs_agents.base.foreign.files import read_text
 from grs_agents.library.asset import Asset
 from grs_agents.library.asset_rendering import RANDOM_VIEW_SIZE, RANDOM_VIEWS, AssetView, render_random_views
 from grs_agents.library.colors import main_color_names
@@ -141,16 +143,20 @@ def replace_asset_description(asset: Asset, words: AssetDescription) -> Asset:
 
 
 def description_file_path(root: Path, name: str) -> Path:
-    """File in which the description of an asset is kept."""
+    """File in which the description of an asset is kept. Raises InputError: a link leads out of the library."""
     urdf = root / name
-    return urdf.parent / "descriptions" / f"{urdf.stem}.json"
+    folder = urdf.parent / "descriptions"
+    if not folder.resolve().is_relative_to(root.resolve()):
+        raise InputError(f"{folder} leads out of {root}", "remove the link")
+    return folder / f"{urdf.stem}.json"
 
 
 def read_saved_description(root: Path, name: str) -> DescribedAsset | None:
     """The stored description of an asset; None if there is none, or it cannot be read."""
+    file = description_file_path(root, name)
     try:
-        return DescribedAsset.model_validate_json(description_file_path(root, name).read_text("utf-8"))
-    except (OSError, ValidationError, UnicodeDecodeError):
+        return DescribedAsset.model_validate_json(read_text(file))
+    except (InputError, ValidationError):
         return None
 
 

@@ -13,7 +13,7 @@ from pydantic import Field, ValidationError
 from grs_agents.base import Frozen, content
 from grs_agents.base.errors import InputError, UnknownNameError
 from grs_agents.base.foreign.files import path_exists, read_json
-from grs_agents.base.trace.events import Event, NodeStarted, Prompt, Reply
+from grs_agents.base.trace.events import Cost, Count, Event, Name, NodeStarted, Prompt, Reply, Text
 from grs_agents.models.factory import is_offline
 
 if TYPE_CHECKING:
@@ -105,17 +105,17 @@ def collect_model_replies(events: Sequence[Event]) -> RecordedReplies:
 class Exchange(Frozen):
     """A prompt, by its digests, and the model's reply."""
 
-    role: str
-    model: str  # who replied
+    role: Name
+    model: Name  # who replied
     digest: str = Field(pattern=r"^[0-9a-f]{64}$")  # `digest_prompt` of the conversation
     sections: dict[str, str]  # `digest_prompt_sections` of its last message
     pictures: tuple[str, ...]  # their names in the run folder
-    finish_reason: str
-    input_tokens: int
-    output_tokens: int
-    cached_tokens: int
-    cost: float | None  # US dollars
-    error: str  # why the reply could not be used; empty if it could
+    finish_reason: Name
+    input_tokens: Count
+    output_tokens: Count
+    cached_tokens: Count
+    cost: Cost | None  # US dollars
+    error: Text  # why the reply could not be used; empty if it could
     reply: tuple[str, ...]  # its lines
 
 
@@ -126,9 +126,9 @@ class Cassette(Frozen):
     version: str  # of grs-agents
     scene: str  # its name
     settings: dict[str, Any]  # the configuration where it differs from the default; dotted key -> value
-    status: str  # how the run ended
-    reason: str
-    files: dict[str, str]  # files of the run, relative to its folder, each with a digest
+    status: Name  # how the run ended
+    reason: Text
+    files: dict[Name, str]  # files of the run, relative to its folder, each with a digest
     exchanges: tuple[Exchange, ...]
 
     def remaining_replies(self, events: Sequence[Event]) -> RecordedReplies:

@@ -1,4 +1,4 @@
-"""Escaping of control characters, for text that people read."""
+"""Escaping of control characters and spreadsheet formulas, for text that people read."""
 
 import re
 
@@ -8,6 +8,15 @@ _HIDDEN = re.compile(
     "\u2028\u2029"  # line breaks that editors and terminals treat differently
     "\ud800-\udfff]"  # bytes of a name that is not UTF-8, which no terminal can be sent
 )
+
+
+_FORMULA = re.compile(r"(?!-?\d+(\.\d+)?(e[+-]?\d+)?$)[=+\-@\t\r]")
+"""Start of a cell that spreadsheets evaluate; a negative number is none."""
+
+
+def escape_formula(cell: object) -> object:
+    """A cell of a CSV file; text that a spreadsheet would evaluate begins with an apostrophe."""
+    return f"'{cell}" if isinstance(cell, str) and _FORMULA.match(cell) else cell
 
 
 def escape_control_chars(text: str) -> str:

@@ -12,7 +12,7 @@ from rich.text import Text
 from grs_agents.base import terminal
 from grs_agents.base.terminal import print_escaped, print_json
 from grs_agents.cli.run_outputs import write_report
-from grs_agents.runs.batch.batch import BatchOrder, find_scenes_given_up, run_batch
+from grs_agents.runs.batch.batch import BatchOrder, find_scenes_given_up, run_batch, summarize_rows
 from grs_agents.runs.batch.results import read_results
 from grs_agents.runs.batch.row import BatchRow
 from grs_agents.runs.batch.scene_list import list_scenes
@@ -61,7 +61,7 @@ def run_batch_and_print_rows(
 
 def list_batch(out: Path, where: str | None, as_json: bool) -> int:
     """Print the rows of an earlier batch, or those selected by ``where``."""
-    results = read_results(out)
+    results = summarize_rows(read_results(out).rows)
     _print_batch_rows(results.summary, select_rows(results.rows, where) if where else results.rows, out, as_json)
     return 0
 

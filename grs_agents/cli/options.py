@@ -149,15 +149,26 @@ def add_camera_settings(settings: list[str], camera: str | None, depth_scale: fl
 
 
 def find_unnamed_scene(resumed: Path | None, cassette: str | None) -> Path:
-    """The scene of a resumed or recorded run, for a command line without a scene."""
+    """The scene of a resumed or recorded run, for a command line without a scene.
+
+    Raises:
+        InputError: there is none, or a file would choose a photo of this machine.
+    """
     if resumed is not None:
         from grs_agents.runs.run_opening import find_recorded_scene
 
         return find_recorded_scene(resumed)
     if cassette is not None:
         from grs_agents.agents.recorded import read_cassette
+        from grs_agents.base import content
 
-        return Path(read_cassette(cassette).scene)
+        # The file may be foreign: it must not choose which photo of this machine is opened.
+        name, samples = read_cassette(cassette).scene, content.sample_scenes()
+        if name not in samples:
+            listing = ", ".join(samples)
+            message = f"the cassette {cassette} is of the scene {name[:200]!r}, which is no sample ({listing})"
+            raise InputError(message, "name its scene: grs run SCENE --cassette FILE")
+        return samples[name]
     remedy = "name one, such as groceries; --cassette FILE and --resume --out DIR have their own"
     raise InputError("grs run needs a scene", remedy)
 

@@ -17,6 +17,8 @@ from grs_agents.runs.run_opening import RUNS
 
 LATEST: Final = "latest"
 _FILE_REMEDY: Final = "restore the file"
+_MOST_LINES: Final = 5000
+"""Longest programs whose lines are compared: difflib takes quadratic time, and the file may be foreign."""
 
 
 def resolve_run_folder(folder: Path) -> Path:
@@ -70,6 +72,9 @@ def compare_runs(first: Path, second: Path, as_json: bool) -> None:
     for name in ("simulation.py", "test_simulation.py"):
         files = (first / name, second / name)
         old, new = (read_text(file, _FILE_REMEDY).splitlines() if file.is_file() else [] for file in files)
+        if old != new and max(len(old), len(new)) > _MOST_LINES:
+            differing[name] = (f"{len(old)} lines", f"{len(new)} lines")
+            continue
         diff = list(difflib.unified_diff(old, new, n=0))[2:]  # without the two headers
         changed = sum(line[0] in "+-" for line in diff)
         if changed:

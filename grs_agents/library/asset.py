@@ -4,7 +4,7 @@ has a provenance and a standard deviation."""
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import Field, SerializerFunctionWrapHandler, ValidationError, model_serializer
+from pydantic import ConfigDict, Field, SerializerFunctionWrapHandler, ValidationError, model_serializer
 
 from grs_agents.base import Frozen, Vec3
 from grs_agents.base.errors import InputError
@@ -36,6 +36,8 @@ class PhysicalProperties(Frozen):
 class Origin(Frozen):
     """Source of an imported asset."""
 
+    model_config = ConfigDict(allow_inf_nan=False)
+
     collection: str  # the folder of the library it is in
     source: str  # path inside the source, or the identifier there
     license: str = "unknown"  # as its source states it; ``unknown`` without a statement
@@ -51,6 +53,8 @@ MANIFEST = "manifest.json"
 
 class Asset(Frozen):
     """Entry of the manifest: the facts about an object that are known before its URDF is read."""
+
+    model_config = ConfigDict(allow_inf_nan=False)  # a manifest with such a number could not be written again
 
     name: str  # library-relative URDF name, e.g. ``"HOPE/Milk.urdf"``; the id everywhere
     kind: str  # name of the kind, e.g. ``"Milk"``

@@ -17,6 +17,8 @@ _TEXT: Final = 52
 _PAPER, _INK, _FAINT = (255, 255, 255), (20, 20, 20), (110, 110, 110)
 _COLUMNS: Final = 3
 MAX_ASSETS: Final = 240
+_LONGEST: Final = 400
+"""Characters of a caption that are measured; a cell has room for some 80."""
 
 
 def draw_contact_sheet(library: Library, assets: Sequence[Asset], views: int = 3) -> tuple[Image, dict[str, str]]:
@@ -44,7 +46,7 @@ def draw_contact_sheet(library: Library, assets: Sequence[Asset], views: int = 3
                 sheet.paste(Pictures.fromarray(composite_over_white(view)), (left + place * _SIDE, top))
         captions = ((asset.name, _INK), (format_asset_facts(asset), _FAINT), (asset.description, _FAINT))
         for line, (caption, ink) in enumerate(captions):
-            text = caption
+            text = caption[:_LONGEST]
             while len(text) > 4 and font.getlength(text) > width - 16:
                 text = f"{text[:-4]}..."
             pen.text((left + 8, top + _SIDE + 2 + 16 * line), text, ink, font)

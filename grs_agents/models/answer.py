@@ -1,13 +1,12 @@
 """The answer of a model, as far as GRS uses it, and the reasons why an answer cannot be used."""
 
 import json
-import math
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 from grs_agents.base.errors import GrsError
+from grs_agents.base.trace.events import MOST_COST
 from grs_agents.models.key_redaction import redact_keys
 
 if TYPE_CHECKING:
@@ -129,9 +128,7 @@ def answer_from_message(message: "AIMessage", body: bytes = b"") -> Answer:
     fallback: Mapping[str, Any] = metadata.get(ASKED, {})
     token_usage = metadata.get("token_usage")
     value = cast(Mapping[str, Any], token_usage).get("cost") if isinstance(token_usage, Mapping) else None
-    cost = None
-    with suppress(OverflowError):  # a whole number beyond every float
-        cost = float(value) if isinstance(value, int | float) and math.isfinite(value) else None
+    cost = float(value) if isinstance(value, int | float) and 0 <= value <= MOST_COST else None
     return Answer(
         text=redact_keys(text),
         reasoning=reasoning,

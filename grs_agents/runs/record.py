@@ -17,7 +17,7 @@ from grs_agents.base.files import write_json
 from grs_agents.base.foreign.files import check_json_limits, read_bytes
 from grs_agents.base.foreign.run_folder import check_run_folder
 from grs_agents.base.questions import Question
-from grs_agents.base.trace.events import Event
+from grs_agents.base.trace.events import MOST_TOTAL, Count, Event, Number, Seconds
 from grs_agents.base.version import __version__
 
 Status = Literal["running", "accepted", "rejected", "failed", "interrupted", "waiting"]
@@ -37,19 +37,20 @@ class RunRecord(Frozen):
     status: Status
     reason: str = ""  # of the status, a single line
     question: Question | None = None  # of a `waiting` run
-    exit_status: int | None = None  # of the command; `None` while running
+    exit_status: int | None = Field(default=None, ge=0, le=255)  # of the command; `None` while running
     command: str  # `run`, `scene` or `check`
     source: str  # the scene folder or the program
     graph: str  # the topology
     config: RecordedConfig  # the effective configuration of the last attempt
     versions: dict[str, str]  # of GRS, Python and the packages that matter
-    seeds: tuple[int, ...]  # the seeds of the audit
+    seeds: tuple[Count, ...]  # the seeds of the audit
     sandbox: str = ""  # the backend that isolated generated code
-    counts: dict[str, int] = Field(default_factory=dict)  # objects, fixes, model calls, tokens
-    cost: float | None = None  # US dollars of all model calls; `None` if a price is unknown
-    rewards: tuple[float, ...] = ()  # the trusted oracle's reward for each seed
-    seconds: dict[str, float] = Field(default_factory=dict)  # wall seconds by stage, and `total`
-    attempts: int = 1  # number of starts and resumptions
+    counts: dict[str, Count] = Field(default_factory=dict)  # objects, fixes, model calls, tokens
+    # US dollars of all model calls; `None` if a price is unknown
+    cost: float | None = Field(default=None, ge=0, le=MOST_TOTAL, allow_inf_nan=False)
+    rewards: tuple[Number, ...] = ()  # the trusted oracle's reward for each seed
+    seconds: dict[str, Seconds] = Field(default_factory=dict)  # wall seconds by stage, and `total`
+    attempts: Count = 1  # number of starts and resumptions
 
     def write(self, folder: Path) -> "RunRecord":
         """Write ``run.json`` atomically; on a full disk over the old record, which would otherwise stay ``running``."""
@@ -95,7 +96,7 @@ def installed_versions() -> dict[str, str]:
 
 def seconds_by_stage(events: Sequence[Event]) -> dict[str, float]:
     """Wall seconds of each node, summed over its visits, with their total."""
-    seconds: dict[str, float] = {}
+    seconds: dict[str, Seconds] = {}
     for event in events:
         if event.kind == "node_ended":
             seconds[event.node] = seconds.get(event.node, 0.0) + event.seconds

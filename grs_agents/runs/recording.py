@@ -18,6 +18,8 @@ from grs_agents.runs.record import RunRecord
 from grs_agents.runs.sharing import make_scrubber
 
 _MADE = ("task.json", "simulation.py", "test_simulation.py", "instances/*.json")
+_MOST_LISTED = 100
+"""Most files that a reason lists; a run has at most 103 of these."""
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e-?\d+)?")
 
 
@@ -46,6 +48,8 @@ def add_recording_comparison(name: str, record: RunRecord, folder: Path) -> RunR
     """The record, with the comparison of verdict, programs and task instances with the cassette in its reason."""
     cassette, digests = read_cassette(name), _digest_run_files(folder)
     differences = sorted({file for file, _ in digests.items() ^ cassette.files.items()})
+    if len(differences) > _MOST_LISTED:
+        differences[_MOST_LISTED:] = [f"{len(differences) - _MOST_LISTED} more files"]
     if record.status != cassette.status:
         differences.insert(0, f"the verdict (recorded: {cassette.status})")
     result = f"differs from the recording in {', '.join(differences)}" if differences else "equal to the recording"

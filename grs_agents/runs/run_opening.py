@@ -22,6 +22,7 @@ from grs_agents.base.foreign.files import path_exists
 from grs_agents.base.questions import require_reply_is_a_choice
 from grs_agents.graph.policies.policy_registry import load_policy
 from grs_agents.models.factory import make_chat_model
+from grs_agents.perception.reading.foreign_scene import is_sample_scene
 from grs_agents.perception.reading.scene_source import check_scene_source, short_scene_name
 from grs_agents.runs.checkpoint import FILE as CHECKPOINT
 from grs_agents.runs.graph_loading import compile_graph, load_graph
@@ -133,8 +134,7 @@ def find_recorded_scene(folder: Path) -> Path:
     """
     record = read_record(folder)
     source = Path(record.source)
-    shipped = source.resolve() in {scene.resolve() for scene in content.sample_scenes().values()}
-    if record.status not in EXIT_STATUS and not shipped and not (folder / CHECKPOINT).is_file():
+    if record.status not in EXIT_STATUS and not is_sample_scene(source) and not (folder / CHECKPOINT).is_file():
         raise InputError(f"{folder} holds no {CHECKPOINT} to go on from", "name the scene, which then begins anew")
     return source
 

@@ -8,7 +8,7 @@ import json
 import os
 import signal
 import tempfile
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import AsyncGenerator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial, wraps
@@ -24,7 +24,7 @@ from grs_agents.base.config.load import EffectiveConfig, change_config
 from grs_agents.base.control_characters import escape_control_chars
 from grs_agents.base.errors import GrsError, InputError
 from grs_agents.base.files import check_path_name, convert_system_error, write_text
-from grs_agents.base.foreign.files import is_folder, list_folder_names, read_bytes, read_text
+from grs_agents.base.foreign.files import is_folder, list_folder_names, parse_json, read_bytes, read_text
 from grs_agents.base.foreign.run_folder import resolve_member_file
 from grs_agents.base.version import __version__
 from grs_agents.perception.reading.scene_source import resolve_scene_path
@@ -47,6 +47,8 @@ if TYPE_CHECKING:
 
 _MOST_BYTES = 1 << 23
 """Largest file sent to a client, bytes; the events of the sample run take 1 MB."""
+_MOST_LINE = 1 << 23
+"""Longest message of a client, bytes; a program and its tests have at most 2 MB."""
 _INSTRUCTIONS = """GRS turns a photo with depth of a table into a simulated robot task that an oracle has solved.
 `scene` finds the objects of a photo. Write a simulation program of a task with them (a subclass of CLIPort's Task) and
 `check` it; or let `run` make the task, its program and its tests, which takes minutes. `rollout`, `render` and `show`
@@ -215,6 +217,8 @@ def build_mcp_server(chosen: EffectiveConfig) -> "MCPServer":
         from mcp.server.mcpserver import Context, MCPServer
         from mcp.server.mcpserver.exceptions import ToolError
         from mcp.server.stdio import stdio_server
+        from mcp.shared.message import SessionMessage
+        from mcp.types import ErrorData, JSONRPCError
     except ImportError as error:
         raise InputError("the package mcp is not installed", 'pip install "grs-agents[mcp]"') from error
     sandbox = open_sandbox(chosen.config)
@@ -241,8 +245,16 @@ def build_mcp_server(chosen: EffectiveConfig) -> "MCPServer":
                 if signal.getsignal(number) is not signal.SIG_IGN:
                     with suppress(NotImplementedError):  # Windows
                         asyncio.get_running_loop().add_signal_handler(number, end_serving, number)
+
+            async def refuse(code: int, message: str, request: Any = None) -> None:
+                given: Any = cast("dict[str, Any]", request).get("id") if isinstance(request, dict) else None
+                number = given if isinstance(given, int | str) and not isinstance(given, bool) else None
+                refusal = JSONRPCError(jsonrpc="2.0", id=number, error=ErrorData(code=code, message=message))
+                await write.send(SessionMessage(refusal))
+
             try:
-                async with stdio_server(cast(Any, _read_lines(requests)), out) as (read, write):
+                lines = _read_messages(requests, refuse)
+                async with stdio_server(cast(Any, lines), out) as (read, write):
                     await lower.run(read, write, lower.create_initialization_options())
             except asyncio.CancelledError:
                 if signals:
@@ -331,22 +343,54 @@ def serve_mcp(chosen: EffectiveConfig, port: int | None) -> None:
         raise KeyboardInterrupt
 
 
-async def _read_lines(descriptor: int) -> AsyncGenerator[str]:
-    """Lines of the client. When it leaves, its runs are interrupted before their next step."""
-    import anyio
+async def _read_messages(descriptor: int, refuse: Callable[..., Awaitable[None]]) -> AsyncGenerator[str]:
+    """Lines of the client that are messages. When it leaves, its runs are interrupted before their next step.
 
-    rest = b""
+    Args:
+        descriptor: the client's stream.
+        refuse: called for any other line, with JSON-RPC's error code, the reason, and the line's value if it is JSON.
+    """
+    from mcp.types import INVALID_REQUEST, PARSE_ERROR, jsonrpc_message_adapter
+
     try:
-        while True:
-            with suppress(PermissionError):  # a plain file, which is always readable
-                await anyio.wait_readable(descriptor)
-            if not (data := os.read(descriptor, 1 << 16)):
-                break
-            *lines, rest = (rest + data).split(b"\n")
-            for line in lines:
-                yield line.decode("utf-8", "replace")
+        async for line in _read_lines(descriptor):
+            if line is None:
+                await refuse(PARSE_ERROR, f"the line has more than {_MOST_LINE} bytes; send less at a time")
+            elif line.strip():
+                try:
+                    value = parse_json(line, "the line", "send JSON-RPC 2.0 as a line of UTF-8")
+                except InputError as error:
+                    await refuse(PARSE_ERROR, str(error))
+                    continue
+                try:
+                    jsonrpc_message_adapter.validate_json(line, by_name=False)
+                except ValidationError as error:
+                    await refuse(INVALID_REQUEST, f"no JSON-RPC message: {error.errors()[0]['msg']}"[:200], value)
+                    continue
+                yield line.decode("utf-8")
     finally:
         interrupts.request_interrupt()
+
+
+async def _read_lines(descriptor: int) -> AsyncGenerator[bytes | None]:
+    """Lines of a stream; None in place of each with more than `_MOST_LINE` bytes."""
+    import anyio
+
+    rest, too_long = b"", False
+    while True:
+        with suppress(PermissionError):  # a plain file, which is always readable
+            await anyio.wait_readable(descriptor)
+        if not (data := os.read(descriptor, 1 << 16)):
+            break
+        *lines, rest = (rest + data).split(b"\n")
+        for line in lines:
+            if not too_long:
+                yield None if len(line) > _MOST_LINE else line
+            too_long = False
+        if len(rest) > _MOST_LINE and not too_long:
+            too_long = True
+            yield None
+        rest = b"" if too_long else rest
 
 
 def list_mcp_tools(chosen: EffectiveConfig) -> list[dict[str, Any]]:

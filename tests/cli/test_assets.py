@@ -1,6 +1,7 @@
 """``grs assets``."""
 
 import json
+import shutil
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -59,6 +60,43 @@ def test_verify_passes_and_then_names_what_was_changed(home: Path) -> None:
     mesh.write_text(text)
     assert done.returncode == 1
     assert json.loads(done.stdout)[0]["findings"] == ["ycb/meshes/006_mustard_bottle.obj has been changed"]
+
+
+def change_asset(library: Path, **fields: Any) -> None:
+    """Change the entry of the only asset of a library."""
+    manifest = library / "assets" / "library" / "manifest.json"
+    told = json.loads(manifest.read_text())
+    told["assets"][0] |= fields
+    manifest.write_text(json.dumps(told))
+
+
+def test_a_foreign_manifest_with_numbers_that_are_none_is_refused(home: Path, tmp_path: Path) -> None:
+    shutil.copytree(home / "grs-content", tmp_path / "theirs")
+    change_asset(tmp_path / "theirs", size=[float("nan")] * 3)
+    done = grs("assets", "describe", "--library", "theirs", folder=tmp_path)
+    assert done.returncode == 2 and "manifest.json: assets.0.size.0: Input should be a finite number" in done.stderr
+
+
+def test_a_long_foreign_description_is_cut_in_the_sheet(home: Path, tmp_path: Path) -> None:
+    shutil.copytree(home / "grs-content", tmp_path / "theirs")
+    change_asset(tmp_path / "theirs", description="a" * 3_000_000)
+    done = grs("assets", "show", "--library", "theirs", "--out", "sheet.png", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+
+
+def test_links_of_a_foreign_library_are_not_written_through(home: Path, tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "notes.jsonl").write_text("mine\n")
+    root = Path(shutil.copytree(home / "grs-content", tmp_path / "theirs")) / "assets" / "library"
+    shutil.rmtree(root / "ycb" / "descriptions", ignore_errors=True)
+    (root / "ycb" / "descriptions").symlink_to(tmp_path / "mine")
+    done = grs("assets", "describe", "--library", "theirs", folder=tmp_path)
+    assert done.returncode == 2 and "leads out of" in done.stderr and not list((tmp_path / "mine").iterdir())
+    (root / "imports" / "ycb.jsonl").unlink()
+    (root / "imports" / "ycb.jsonl").symlink_to(tmp_path / "notes.jsonl")
+    done = grs("assets", "import", str(home / "ycb"), "--library", "theirs", folder=tmp_path)
+    assert done.returncode == 2 and "ycb.jsonl is a link" in done.stderr
+    assert (tmp_path / "notes.jsonl").read_text() == "mine\n"
 
 
 def test_describe_says_what_it_takes_keeps_the_words_and_asks_once(home: Path) -> None:

@@ -162,6 +162,29 @@ def test_a_cassette_of_somebody_else_names_no_file_code_or_endpoint(tmp_path: Pa
     assert config["sandbox"] == "auto" and config["models"]["default"]["base_url"] is None
 
 
+@pytest.mark.parametrize("scene", ["/home/somebody/photo", "photo", "../photo.npz", "bop:data/test/1/2"])
+def test_a_cassette_of_somebody_else_does_not_choose_the_photo(tmp_path: Path, small_scene: Path, scene: str) -> None:
+    shutil.copytree(small_scene, tmp_path / "photo")
+    told: dict[str, Any] = dict.fromkeys(("version", "status", "reason"), "") | {"scene": scene}
+    (tmp_path / "tape.json").write_text(json.dumps(told | {"settings": {}, "files": {}, "exchanges": []}))
+    done = grs("run", "--cassette", "tape.json", "--out", "run", folder=tmp_path)
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1, done.stderr
+    assert f"is of the scene '{scene}', which is no sample" in done.stderr and "grs run SCENE" in done.stderr
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    "field", [{"input_tokens": 10**400}, {"output_tokens": -1}, {"cost": float("nan")}, {"cost": -1}, {"cost": 1e308}]
+)
+def test_a_cassette_with_impossible_counts_is_refused(tmp_path: Path, field: dict[str, Any]) -> None:
+    told = json.loads(content.shipped_cassettes()["groceries-tidy"].read_text("utf-8"))
+    told["exchanges"][0] |= field
+    (tmp_path / "tape.json").write_text(json.dumps(told))
+    done = grs("run", "--cassette", "tape.json", "--out", "run", folder=tmp_path)
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1, done.stderr
+    assert "tape.json is not a cassette: exchanges" in done.stderr
+
+
 @pytest.mark.parametrize("name", content.shipped_cassettes())
 def test_a_shipped_recording_repeats(tmp_path: Path, name: str) -> None:
     done = grs("run", "--cassette", name, "--out", "run", "--json", folder=tmp_path)

@@ -291,3 +291,11 @@ def test_a_folder_without_checkpoint_does_not_choose_the_photo(run: Path, small_
     (copy / "checkpoint.sqlite").unlink(missing_ok=True)
     done = grs("run", "--out", "theirs", "--resume", folder=tmp_path)
     assert done.returncode == 2 and "name the scene" in done.stderr, done
+
+
+def test_long_foreign_programs_are_not_compared_line_by_line(run: Path) -> None:
+    other = Path(shutil.copytree(run, run.parent / "other"))
+    for folder, step in ((run, 7919), (other, 23757)):
+        (folder / "simulation.py").write_text("".join(f"{step * line % 3000}\n" for line in range(100_000)))
+    done = grs("compare", "run", "other", "--json", folder=run.parent)
+    assert json.loads(done.stdout)["differences"]["simulation.py"] == ["100000 lines", "100000 lines"]

@@ -158,6 +158,12 @@ def test_what_is_no_reply_is_an_unusable_reply(provider: Callable[[Send], str], 
     str(caught.value).encode()
 
 
+@pytest.mark.parametrize("cost", [-1, -1e300, float("nan"), 1e308, 10**400])
+def test_a_cost_that_no_reply_has_is_no_cost(provider: Callable[[Send], str], cost: float) -> None:
+    usage = {"prompt_tokens": 1, "completion_tokens": 1, "total_tokens": 2, "cost": cost}
+    assert ask(provider(whole(completion("x", usage=usage)))).cost is None
+
+
 def test_an_unusable_reply_tells_what_it_cost(provider: Callable[[Send], str]) -> None:
     with pytest.raises(ReplyProblem) as caught:
         ask(provider(whole(completion("half a \ud800 pair"))))

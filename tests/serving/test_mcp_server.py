@@ -268,3 +268,29 @@ def test_a_server_without_a_sandbox_checks_programs() -> None:
     server = build_mcp_server(load_config(None, (), {}, unsafe=True))
     found: Any = asyncio.run(server.call_tool("check", {"simulation": PROGRAM}))
     assert found.structured_content["accepted"]
+
+
+NO_MESSAGES = {
+    b"no JSON": (-32700, "is not JSON", None),
+    b'{"jsonrpc": "2.0", "id": 5, "method": "\\ud800"}': (-32700, "surrogates", None),
+    b"[" * 5_000: (-32700, "deeper than", None),
+    b"\xff\xfe{}": (-32700, "is not JSON", None),
+    b'{"id": 6}': (-32600, "no JSON-RPC message", 6),
+    b"7": (-32600, "no JSON-RPC message", None),
+    b"a" * ((1 << 23) + 100_000): (-32700, "more than 8388608 bytes", None),
+}
+
+
+def test_a_line_that_is_no_message_is_answered_by_an_error_and_the_server_goes_on(tmp_path: Path) -> None:
+    with server_on_pipes(tmp_path) as server:
+        assert server.stdin is not None and server.stdout is not None and server.stderr is not None
+        for line, (code, word, number) in NO_MESSAGES.items():
+            server.stdin.write(line + b"\n\n")
+            server.stdin.flush()
+            answer = json.loads(server.stdout.readline())
+            assert (answer["jsonrpc"], answer["id"], answer["error"]["code"]) == ("2.0", number, code), answer
+            assert word in answer["error"]["message"]
+        say(server, INITIALIZE)
+        assert json.loads(server.stdout.readline())["result"]["serverInfo"]["name"] == "grs"
+        server.stdin.close()
+        assert (server.wait(100), server.stderr.read()) == (0, b"")

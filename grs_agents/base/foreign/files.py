@@ -22,6 +22,8 @@ MOST_VALUES = 250_000
 """Values of a file in a run folder. The log of the sample run has 2,400; a value takes up to 500 bytes."""
 MOST_VALUES_OF_DATA = 2_000_000
 """Values of any other file: data sets list the poses of thousands of pictures in a single file. They take 320 MB."""
+_HALF_PAIR = re.compile(rb"\\u[dD][89a-fA-F]")
+"""Escape of a surrogate. Without its other half it is no text, and no file could be written with it."""
 _TOKEN = re.compile(rb'"(?:[^"\\\n]++|\\.)*+"?|[\[{\]},\n]')
 
 
@@ -137,7 +139,10 @@ def parse_json(data: bytes, where: object, remedy: str, values: int | None = MOS
     """The value that JSON in UTF-8 holds. Raises InputError: it is none, or nested too deep, or too large."""
     check_json_limits(data, where, values)
     try:
-        return json.loads(data.decode("utf-8-sig"))
+        value = json.loads(data.decode("utf-8-sig"))
+        if _HALF_PAIR.search(data):
+            json.dumps(value, ensure_ascii=False).encode()
+        return value
     except (ValueError, RecursionError) as error:
         raise InputError(f"{where} is not JSON: {error}", remedy) from error
 

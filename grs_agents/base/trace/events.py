@@ -176,7 +176,12 @@ VERSION = 5
 
 Count = Annotated[int, Field(ge=0, lt=2**53)]
 """Drawable by viewers: a whole number that a float holds exactly."""
-Seconds = Annotated[float, Field(ge=0, le=1e12, allow_inf_nan=False)]
+MOST_TOTAL = 1e12
+"""Bound of sums over a run, in seconds and US dollars."""
+Seconds = Annotated[float, Field(ge=0, le=MOST_TOTAL, allow_inf_nan=False)]
+MOST_COST = 1e6
+Cost = Annotated[float, Field(ge=0, le=MOST_COST, allow_inf_nan=False)]
+"""US dollars of a reply; a log of 250,000 values keeps below `MOST_TOTAL`."""
 Summary = Annotated[JsonObject, AfterValidator(lambda value: _validate_json_fields(value, CheckedSummary))]
 Report = Annotated[JsonObject, AfterValidator(lambda value: _validate_json_fields(value, CheckedReport))]
 
@@ -265,7 +270,7 @@ class Reply(BaseEvent):
     input_tokens: Count = 0
     output_tokens: Count = 0
     cached_tokens: Count = 0
-    cost: float | None = None
+    cost: Cost | None = None
     seconds: Seconds = 0.0
     finish_reason: Name = ""
     error: Text = ""
@@ -289,7 +294,7 @@ class ProgramVersion(BaseEvent):
 
     kind: Literal["program_version"] = "program_version"
     program: Literal["simulation", "tests"]
-    number: int
+    number: Count
     sha256: str
     parent: str | None = None
     path: Text
@@ -343,11 +348,11 @@ class Rollout(BaseEvent):
 
     kind: Literal["rollout"] = "rollout"
     seed: int
-    reward: float
+    reward: Number
     outcome: Name
     steps: Count = 0
     moved: tuple[Name, ...] = ()
-    idle_reward: float = 0.0
+    idle_reward: Number = 0.0
     cause: Text = ""
     recording: str | None = None
     instance: str | None = None

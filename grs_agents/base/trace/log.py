@@ -47,7 +47,7 @@ def _parse_events(path: Path, data: bytes) -> tuple[list[Event], int]:
 
 def _make_unreadable_line_error(path: Path, number: int, line: bytes, error: ValidationError) -> InputError:
     """The error for a line that is no event: of a later vocabulary, or damaged."""
-    with suppress(ValueError, TypeError, AttributeError, RecursionError):
+    with suppress(ValueError, TypeError, AttributeError, RecursionError, OverflowError):
         version = int(json.loads(line).get("version"))
         if version > VERSION:
             message = f"{path} line {number} is an event of version {version}, and this GRS reads up to {VERSION}"

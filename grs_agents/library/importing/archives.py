@@ -117,15 +117,19 @@ def _is_wanted_file(name: str, archive: Path) -> bool:
 
 
 def _write_members(members: Iterable[Member], target: Path, archive: Path, room: int) -> None:
-    """Write files until ``room`` bytes are used up; then all written files are removed."""
+    """Write files, but empty ones, until ``room`` bytes are used up; then all written files are removed."""
     left, written = room, list[Path]()
     for name, content in members:
-        path = target / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        written.append(path)
-        with content, path.open("wb") as file:
-            while (chunk := content.read(_CHUNK)) and (left := left - len(chunk)) >= 0:
-                file.write(chunk)
+        with content:
+            if not (chunk := content.read(_CHUNK)):
+                continue
+            path = target / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            written.append(path)
+            with path.open("wb") as file:
+                while chunk and (left := left - len(chunk)) >= 0:
+                    file.write(chunk)
+                    chunk = content.read(_CHUNK)
         if left < 0:
             for path in written:
                 path.unlink(missing_ok=True)

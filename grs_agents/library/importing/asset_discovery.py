@@ -2,6 +2,7 @@
 
 import re
 import unicodedata
+from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterator
 from itertools import islice
@@ -9,6 +10,7 @@ from pathlib import PurePosixPath
 from typing import Final
 from urllib.parse import unquote
 
+from grs_agents.base.errors import InputError
 from grs_agents.library.importing.gltf_document import find_gltf_files
 from grs_agents.library.importing.mesh_appearance import HOPE_LICENSE, OPEN_LICENSE
 from grs_agents.library.importing.mesh_reader import SUFFIXES
@@ -62,6 +64,10 @@ _HOPE: Final = "stable_hope_objects"
 _MOST: Final = 1_000_000
 _TITLE: Final = 120
 _HEAD: Final = 2000
+_MOST_NAMESAKES: Final = 5_000_000
+"""Pairs of a description and a file of a name that it mentions: 1,300 folders with three meshes of the same names."""
+MOST_ITEMS: Final = 5000
+"""Assets of a source. Each takes seconds; the largest usual set, Google Scanned Objects, has 1,030."""
 
 
 def find_source_items(folder: SourceFolder) -> list[SourceItem]:
@@ -70,7 +76,8 @@ def find_source_items(folder: SourceFolder) -> list[SourceItem]:
 
 
 def survey_folder(folder: SourceFolder) -> tuple[list[SourceItem], list[ImportOutcome]]:
-    """The assets of a folder as `find_source_items`, and the models that are passed over, each with the reason."""
+    """The assets of a folder as `find_source_items`, and the models that are passed over, each with the reason.
+    Raises InputError: there are more than `MOST_ITEMS` assets."""
     paths = [path for path in sorted(islice(folder.root.rglob("*"), _MOST)) if path.is_file() and not path.is_symlink()]
     relative = [path.relative_to(folder.root) for path in paths]
     names = [path.as_posix() for path in relative if not any(part.startswith(".") for part in path.parts)]
@@ -96,6 +103,9 @@ def survey_folder(folder: SourceFolder) -> tuple[list[SourceItem], list[ImportOu
         if main == stem or main not in loose:
             file = min(meshes, key=lambda file: _PREFERRED.index(_lower_suffix(file)))
             items.append(SourceItem(kind="mesh", name=_name_that_tells(PurePosixPath(file)), file=file))
+    if len(items) > MOST_ITEMS:
+        message = f"{folder.root.name} holds {len(items)} assets; an import takes at most {MOST_ITEMS}"
+        raise InputError(message, "import it in parts")
     files = {file for item in items for file in (item.file, *item.files)}
     unread = {
         name: "it is {}; {}".format(*UNREAD[kind])
@@ -243,6 +253,11 @@ def _find_urdf_and_mjcf_items(
         and (_lower_suffix(name) != ".sdf" or name in titles or PurePosixPath(name).parent.as_posix() not in configured)
     ]
     homes = Counter(PurePosixPath(name).parent.as_posix() for name in descriptions)
+    # A source has up to 100,000 descriptions, and none may look through all files.
+    described, ordered, looked_at = set(descriptions), sorted(names), 0
+    namesakes: dict[str, list[int]] = {}
+    for number, name in enumerate(names):
+        namesakes.setdefault(PurePosixPath(name).name.casefold(), []).append(number)
     for name in descriptions:
         if _belongs_to_claimed_item(name, claimed):
             continue
@@ -254,18 +269,22 @@ def _find_urdf_and_mjcf_items(
             text += opened.read(_MOST)
         mentions = (file or uri.strip() for file, uri in _FILES.findall(text))
         mentioned = {PurePosixPath(unquote(file).replace("\\", "/")).name.casefold() for file in mentions}
-        vicinity = PurePosixPath(name).parent.parent  # of "." it is "." itself
-        files = [PurePosixPath(file) for file in names]
-        parts = tuple(
-            file.as_posix() for file in files if file.name.casefold() in mentioned and file.is_relative_to(vicinity)
-        )
+        looked_at += sum(len(namesakes.get(word, ())) for word in mentioned)
+        if looked_at > _MOST_NAMESAKES:
+            message = f"the descriptions in {folder.root.name} name files of which there are too many of the same name"
+            raise InputError(f"{message} (over {_MOST_NAMESAKES} pairs)", "import it in parts")
+        vicinity = PurePosixPath(name).parent.parent.as_posix()  # of "." it is "." itself
+        numbers = sorted(number for word in mentioned for number in namesakes.get(word, ()))
+        around = "" if vicinity == "." else f"{vicinity}/"
+        parts = tuple(names[number] for number in numbers if names[number].startswith(around))
         claimed |= set(parts)
         pure = PurePosixPath(name)
         home = pure.parent.as_posix()
         if home != "." and homes[home] == 1:
-            around = {file for file in names if file.startswith(f"{home}/")} - set(descriptions)
-            beside |= dict.fromkeys(around - claimed, name)
-            claimed |= around
+            first, end = (bisect_left(ordered, f"{home}{letter}") for letter in "/0")  # 0 comes after the slash
+            inside = set(ordered[first:end]) - described
+            beside |= dict.fromkeys(inside - claimed, name)
+            claimed |= inside
         called = titles.get(name) or _name_that_tells(pure)
         yield SourceItem(kind=DESCRIPTIONS[_lower_suffix(name)], name=called, file=name, files=parts)
 

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
@@ -13,16 +13,19 @@ from grs_agents.library.importing.archives import ImportSource
 from grs_agents.library.importing.asset_discovery import find_item_files
 from grs_agents.library.importing.item_worker import ItemWorkers
 from grs_agents.library.importing.journal import (
+    FileHashes,
     ImportedAssets,
     Journal,
     compute_import_key,
-    hash_item_files,
     update_manifest_entries,
 )
 from grs_agents.library.importing.types import ImportJob, ImportOptions, ImportOutcome, RefusedError, SourceItem
 
 _SAVE_EVERY = 10.0
 """Seconds between two writings of the manifest."""
+_BASE_SECONDS, _SECONDS_A_MEGABYTE = 7200.0, 20.0
+"""Wall seconds of all items of an import together, by the size of their files. A small file takes about 5 s; many of
+them can name the same large file."""
 _LICENSE_FILES = ("LICENSE", "LICENSE.txt", "LICENSE.md", "license.txt", "COPYING")
 
 
@@ -37,6 +40,7 @@ class ImportRun:
     again: bool = False  # repeat earlier imports and refusals, too
     jobs: int = 1  # processes
     shipped: frozenset[str] = frozenset()  # names of shipped assets that an import would shadow
+    _spent: float = field(default=0.0, init=False)  # wall seconds of all items
 
     def run(self, source: ImportSource, report: Callable[[ImportOutcome, bool], None]) -> list[ImportOutcome]:
         """The outcome of every item of a source, in their order.
@@ -81,20 +85,32 @@ class ImportRun:
         self, source: ImportSource, journal: Journal, imported: ImportedAssets
     ) -> Iterator[tuple[ImportOutcome, bool]]:
         """Each item's outcome in their order, and whether it is from the journal."""
-        workers = ItemWorkers(source.folder, self.options.limits, self.jobs)
+        workers, hashes = ItemWorkers(source.folder, self.options.limits, self.jobs), FileHashes(source.folder)
         threads = ThreadPoolExecutor(self.jobs)
         try:
-            yield from threads.map(partial(self._import_item, source, workers, journal, imported), source.items)
+            importing = partial(self._import_item, source, workers, hashes, journal, imported)
+            yield from threads.map(importing, source.items)
         finally:
             threads.shutdown(cancel_futures=True)
             workers.close()
 
     def _import_item(
-        self, source: ImportSource, workers: ItemWorkers, journal: Journal, imported: ImportedAssets, item: SourceItem
+        self,
+        source: ImportSource,
+        workers: ItemWorkers,
+        hashes: FileHashes,
+        journal: Journal,
+        imported: ImportedAssets,
+        item: SourceItem,
     ) -> tuple[ImportOutcome, bool]:
         license_, key, begin = self._resolve_license(source, item), "", time.monotonic()
         try:
-            content = hash_item_files(source.folder, find_item_files(source.folder, item))
+            if self._spent > (most := _BASE_SECONDS + _SECONDS_A_MEGABYTE * hashes.size / 1e6):
+                remedy = "the same command goes on with the rest"
+                raise RefusedError(f"the source has taken {self._spent:.0f} of at most {most:.0f} s", remedy)
+            content = hashes.hash_item_files(find_item_files(source.folder, item))
+            if source.folder.resolve_file(item.file).stat().st_size == 0:
+                raise RefusedError(f"{item.file} is empty", "export it again")
             key = compute_import_key(content, self.options, license_)
             before = journal.outcomes.get(item.file)
             if before is not None and before.key == key and not self.again:
@@ -117,6 +133,8 @@ class ImportRun:
             asset = workers.import_item(job)
         except RefusedError as error:
             return _make_refused_outcome(item.name, item.file, error, key), False
+        finally:
+            self._spent += time.monotonic() - begin
         notes = asset.origin.notes if asset.origin is not None else ()
         if asset.name in self.shipped:
             notes = (*notes, "it takes the place of the shipped asset of that name; --name COLLECTION avoids it")

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
-from grs_agents.base.files import flush_written_files, make_folder, unwritable_error, write_json
+from grs_agents.base.files import flush_written_files, make_folder, refuse_link, unwritable_error, write_json
 from grs_agents.library.asset import MANIFEST, Asset, AssetManifest, Origin, read_manifest
 from grs_agents.library.importing.source_folder import SourceFolder
 from grs_agents.library.importing.types import ImportOptions, ImportOutcome, RefusedError
@@ -24,6 +24,8 @@ class Journal:
     def __init__(self, root: Path, collection: str) -> None:
         self.path = root / "imports" / f"{collection}.jsonl"
         self.outcomes: dict[str, ImportOutcome] = {}
+        for path in (self.path.parent, self.path):  # the library may be foreign
+            refuse_link(path)
         if self.path.is_file():
             for line in self.path.read_text("utf-8", errors="replace").splitlines():
                 try:
@@ -51,16 +53,26 @@ def compute_import_key(content: str, options: ImportOptions, license_: str) -> s
     return hashlib.sha256(f"{_VERSION} {content} {settings} {license_}".encode()).hexdigest()
 
 
-def hash_item_files(folder: SourceFolder, files: tuple[str, ...]) -> str:
-    """SHA-256 of the files of an item."""
-    digest = hashlib.sha256()
-    for name in files:
-        try:
-            with folder.resolve_file(name).open("rb") as file:
-                digest.update(hashlib.file_digest(file, "sha256").digest())
-        except OSError as error:
-            raise RefusedError(f"cannot read {name}: {error.strerror}", "make it readable") from error
-    return digest.hexdigest()
+class FileHashes:
+    """SHA-256 of the files of a source, each read once."""
+
+    def __init__(self, folder: SourceFolder) -> None:
+        self._folder = folder
+        self._digests: dict[str, bytes] = {}
+        self.size = 0  # bytes of the files so far
+
+    def hash_item_files(self, files: tuple[str, ...]) -> str:
+        """SHA-256 of the files of an item. Raises RefusedError: a file cannot be read."""
+        for name in files:
+            if name in self._digests:
+                continue
+            try:
+                with self._folder.resolve_file(name).open("rb") as file:
+                    self._digests[name] = hashlib.file_digest(file, "sha256").digest()
+                    self.size += file.tell()
+            except OSError as error:
+                raise RefusedError(f"cannot read {name}: {error.strerror}", "make it readable") from error
+        return hashlib.sha256(b"".join(self._digests[name] for name in files)).hexdigest()
 
 
 def update_manifest_entries(root: Path, assets: Iterable[Asset], removed: Iterable[str] = ()) -> None:

@@ -68,7 +68,7 @@ def read_foreign_scene(
         InputError: as `read_scene`; or reading it takes more memory or time than a scene needs.
     """
     check_scene_source(source)
-    if _is_shipped(source):
+    if is_sample_scene(source):
         return read_scene(source, estimate, field_of_view, camera)
     home = _find_home(source)
     if is_bop_source(source):
@@ -108,7 +108,7 @@ def read_foreign_scene(
 
 def read_foreign_masks(source: Path, shape: tuple[int, int]) -> Labels:
     """As `read_masks`, in a worker."""
-    if _is_shipped(source):
+    if is_sample_scene(source):
         return read_masks(source, shape)
     home = _find_home(source)
     files: list[Path] = []  # the masks, and the folders that hold them
@@ -161,7 +161,7 @@ def _name_as_given(text: str, source: Path) -> str:
     return text.replace(f"{given.absolute().parent}/", "" if str(given.parent) == "." else f"{given.parent}/")
 
 
-def _is_shipped(source: Path) -> bool:
+def is_sample_scene(source: Path) -> bool:
     """Whether this is a scene of this package or of a ``--content`` folder, which runs as code anyway."""
     if is_bop_source(source):
         return False

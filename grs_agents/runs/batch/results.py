@@ -12,10 +12,10 @@ from urllib.parse import quote
 from pydantic import TypeAdapter, ValidationError
 
 from grs_agents.base import Frozen
-from grs_agents.base.control_characters import escape_control_chars
+from grs_agents.base.control_characters import escape_control_chars, escape_formula
 from grs_agents.base.errors import InputError
 from grs_agents.base.files import write_bytes, write_json, write_text
-from grs_agents.base.foreign.files import read_bytes
+from grs_agents.base.foreign.files import MOST_VALUES_OF_DATA, check_json_limits, read_bytes
 from grs_agents.runs.batch.row import BatchRow
 
 RESULTS: Final = "results.json"
@@ -51,7 +51,9 @@ def write_results(out: Path, results: BatchResults) -> None:
     text = io.StringIO(newline="")
     writer = csv.DictWriter(text, _COLUMNS)
     writer.writeheader()
-    writer.writerows({**row.model_dump(), "goals": "; ".join(row.goals)} for row in results.rows)
+    for row in results.rows:
+        cells = {**row.model_dump(), "goals": "; ".join(row.goals)}
+        writer.writerow({column: escape_formula(cell) for column, cell in cells.items()})
     write_text(out / "results.csv", text.getvalue())
     write_text(out / "index.html", render_page(out, results))
     try:
@@ -65,12 +67,15 @@ def write_results(out: Path, results: BatchResults) -> None:
 
 
 def read_results(out: Path) -> BatchResults:
-    """Read the results of an earlier batch. Raises InputError: there are none, or they are damaged."""
+    """Read the results of an earlier batch; the summary may be anything (`summarize_rows`).
+    Raises InputError: there are none, or they are damaged."""
     file = out / RESULTS
     if not file.is_file():
         raise InputError(f"{out} holds no batch: there is no {RESULTS} in it", _REMEDY)
+    data = read_bytes(file, _REMEDY, _MOST_BYTES)
+    check_json_limits(data, file, MOST_VALUES_OF_DATA)
     try:
-        return TypeAdapter(BatchResults).validate_json(read_bytes(file, _REMEDY, _MOST_BYTES))
+        return TypeAdapter(BatchResults).validate_json(data)
     except ValidationError as error:
         raise InputError(f"{file} is not what a batch wrote: {error.errors()[0]['msg']}", _REMEDY) from error
 

@@ -3,11 +3,15 @@
 from pathlib import Path
 from typing import Any
 
+from pydantic import Field
+
 from grs_agents.base import Frozen
 from grs_agents.base.errors import GrsError
 from grs_agents.base.foreign.files import read_bytes, read_json
+from grs_agents.base.trace.events import MOST_TOTAL, Count, Number, Seconds
 from grs_agents.base.trace.log import read_events
 from grs_agents.runs.batch.run_process import RunEnd, read_run_record_or_none
+from grs_agents.runs.record import RunRecord
 from grs_agents.sim.instance.task_instance import TaskInstance, parse_instance_json
 
 
@@ -16,7 +20,7 @@ class BatchRow(Frozen):
 
     run: str
     scene: str
-    seed: int
+    seed: Count
     status: str  # of the run; `killed` or `failed` without a record
     reason: str
     task: str = ""
@@ -24,27 +28,36 @@ class BatchRow(Frozen):
     family: str = ""  # first word of its name: the verb, which the audit's judge has compared with the goals
     goals: tuple[str, ...] = ()  # of the first task instance, without coordinates
     repeats: str = ""  # an earlier run of the same scene with the same goals or name
-    reward: float | None = None  # mean of the oracle's over the audit's seeds
-    objects: int = 0
-    matched: int = 0
-    moved: int = 0
-    code_fixes: int = 0
-    test_fixes: int = 0
-    task_fixes: int = 0
-    model_calls: int = 0
-    input_tokens: int = 0
-    output_tokens: int = 0
-    cost: float = 0.0  # US dollars, as far as reported by the provider
-    seconds: float = 0.0
+    reward: Number | None = None  # mean of the oracle's over the audit's seeds
+    objects: Count = 0
+    matched: Count = 0
+    moved: Count = 0
+    code_fixes: Count = 0
+    test_fixes: Count = 0
+    task_fixes: Count = 0
+    model_calls: Count = 0
+    input_tokens: Count = 0
+    output_tokens: Count = 0
+    # US dollars, as far as reported by the provider
+    cost: float = Field(default=0.0, ge=0, le=MOST_TOTAL, allow_inf_nan=False)
+    seconds: Seconds = 0.0
 
 
 def make_batch_row(end: RunEnd) -> BatchRow:
-    """Summarise an ended run from its folder."""
+    """Summarise an ended run from its folder; a run with damaged files is a failed run."""
     job, record = end.job, read_run_record_or_none(end.job.folder)
-    if record is None:
-        status = "killed" if end.exit_status is None else "failed"
-        return BatchRow(run=job.name, scene=job.scene, seed=job.seed, status=status, reason=end.error)
-    counts = record.counts
+    status, reason = "killed" if end.exit_status is None else "failed", end.error
+    if record is not None:
+        try:
+            return _summarize_record(end, record)
+        except GrsError as error:
+            status, reason = "failed", f"{job.folder} is damaged: {error}"
+    return BatchRow(run=job.name, scene=job.scene, seed=job.seed, status=status, reason=reason)
+
+
+def _summarize_record(end: RunEnd, record: RunRecord) -> BatchRow:
+    """Raises InputError: the task or its first instance is damaged."""
+    job, counts = end.job, record.counts
     file = job.folder / "task.json"
     task: dict[str, Any] = read_json(file, "run again") if file.is_file() else {}
     name = str(task.get("task-name", ""))

@@ -6,7 +6,10 @@ from pathlib import Path
 import pytest
 
 from evals.synthesis import Recipe
+from grs_agents.base.errors import InputError
+from grs_agents.library.importing import importer
 from grs_agents.library.importing.archives import open_import_source
+from grs_agents.library.importing.asset_discovery import MOST_ITEMS
 from grs_agents.library.importing.asset_preparation import asset_view_path
 from grs_agents.library.importing.drop_testing import build_asset_colliders, run_drop_test, verify_asset
 from grs_agents.library.importing.importer import ImportRun
@@ -202,6 +205,46 @@ def test_malformed_files_are_refused_by_name_and_the_rest_goes_on(tmp_path: Path
         assert told[name].status == "refused", name
         assert reason in told[name].reason, told[name].reason
     assert [asset.kind for asset in Library(root).assets()] == ["good"]
+
+
+def test_empty_members_of_an_archive_are_passed_over(tmp_path: Path) -> None:
+    models.textured_box(tmp_path / "home", "crate", (0.05, 0.06, 0.07))
+    models.picture(tmp_path / "home" / "texture_map.png")
+    files = {file.name: file.read_bytes() for file in (tmp_path / "home").iterdir()}
+    models.zipped(tmp_path / "many.zip", files | {f"{number}/a.obj": b"" for number in range(MOST_ITEMS + 1)})
+    told = run(tmp_path / "many.zip", tmp_path / "root")
+    assert {name: outcome.status for name, (outcome, _) in told.items()} == {"crate": "imported"}
+
+
+def test_the_assets_of_a_source_are_bounded(tmp_path: Path) -> None:
+    models.zipped(tmp_path / "many.zip", {f"{number}.obj": b"v" for number in range(MOST_ITEMS + 1)})
+    with pytest.raises(InputError, match="holds 5001 assets; an import takes at most 5000; import it in parts"):
+        run(tmp_path / "many.zip", tmp_path / "root")
+
+
+def test_descriptions_that_all_name_the_same_files_are_bounded(tmp_path: Path) -> None:
+    text = b'<robot><mesh filename="a.obj"/></robot>'
+    count = 2_300
+    files = {f"{number}/{name}": data for number in range(count) for name, data in (("a.obj", b"v"), ("b.urdf", text))}
+    models.zipped(tmp_path / "many.zip", files)
+    with pytest.raises(InputError, match="too many of the same name"):
+        run(tmp_path / "many.zip", tmp_path / "root")
+
+
+def test_the_work_of_a_source_is_bounded_and_goes_on_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("first", "second"):
+        models.textured_box(tmp_path / "source" / name, name, (0.05, 0.06, 0.07 if name == "first" else 0.12))
+        models.picture(tmp_path / "source" / name / "texture_map.png")
+    monkeypatch.setattr(importer, "_BASE_SECONDS", 0.0)
+    monkeypatch.setattr(importer, "_SECONDS_A_MEGABYTE", 0.0)
+    told = run(tmp_path / "source", tmp_path / "root")
+    assert told["first"][0].status == "imported" and told["second"][0].status == "refused"
+    assert "of at most 0 s; the same command goes on" in told["second"][0].reason
+    told = run(tmp_path / "source", tmp_path / "root")
+    assert told["second"][0].status == "refused"  # the first took a moment to be known
+    monkeypatch.undo()
+    told = run(tmp_path / "source", tmp_path / "root")
+    assert told["first"][1] and told["second"][0].status == "imported"
 
 
 def test_a_bomb_among_archives_is_refused_and_the_others_are_unpacked(tmp_path: Path) -> None:

@@ -14,9 +14,14 @@ from typing import Any
 
 import pytest
 
+from grs_agents.base.config.recorded import RecordedConfig
+from grs_agents.base.config.schema import Config
+from grs_agents.runs.batch.batch import summarize_rows
 from grs_agents.runs.batch.jobs import run_jobs
-from grs_agents.runs.batch.results import BatchResults, read_results
+from grs_agents.runs.batch.results import BatchResults, read_results, write_results
+from grs_agents.runs.batch.row import BatchRow
 from grs_agents.runs.batch.run_process import RunJob
+from grs_agents.runs.record import RunRecord
 from tests.cli.command import grs
 
 
@@ -111,6 +116,93 @@ def test_a_folder_without_a_batch_is_refused(tmp_path: Path) -> None:
     (tmp_path / "results.json").write_text('{"rows": 3}')
     done = grs("batch", "--out", str(tmp_path), folder=tmp_path)
     assert done.returncode == 2 and "results.json" in done.stderr
+
+
+def ended_batch(folder: Path) -> Path:
+    """A batch of a run that seems to have ended, as a stranger may send it."""
+    run = folder / "out" / "photo-0"
+    run.mkdir(parents=True)
+    record = RunRecord(
+        id="photo-0",
+        status="accepted",
+        exit_status=0,
+        command="run",
+        source=str(folder / "photo"),
+        graph="grs",
+        config=RecordedConfig.of(Config()),
+        versions={},
+        seeds=(0,),
+        rewards=(1.0,),
+    )
+    record.write(run)
+    return run
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "word"),
+    [
+        ("task.json", "{", "task.json"),
+        ("task.json", '{"task-name": "\\ud800"}', "task.json"),
+        ("instances/seed_0.json", '{"seed": 1e999}', "task is missing"),
+    ],
+)
+def test_a_run_with_a_damaged_file_is_one_failed_row(
+    tmp_path: Path, small_scene: Path, name: str, text: str, word: str
+) -> None:
+    shutil.copytree(small_scene, tmp_path / "photo")
+    run = ended_batch(tmp_path)
+    (run / name).parent.mkdir(exist_ok=True)
+    (run / name).write_text(text)
+    done = grs("batch", "photo", "--out", "out", "--json", folder=tmp_path)
+    assert done.returncode == 1, done.stderr
+    (row,) = json.loads(done.stdout)["rows"]
+    assert row["status"] == "failed" and "photo-0 is damaged: " in row["reason"] and word in row["reason"]
+
+
+@pytest.mark.parametrize(
+    "field", [{"rewards": [1e308, 1e308]}, {"counts": {"code_fixes": 5 * 10**19}}, {"seconds": {"total": 1e308}}]
+)
+def test_a_record_with_impossible_numbers_is_no_record(
+    tmp_path: Path, small_scene: Path, field: dict[str, Any]
+) -> None:
+    shutil.copytree(small_scene, tmp_path / "photo")
+    run = ended_batch(tmp_path)
+    record = json.loads((run / "run.json").read_text()) | field
+    (run / "run.json").write_text(json.dumps(record))
+    done = grs("batch", "photo", "--out", "out", "--json", folder=tmp_path)
+    assert done.returncode == 1, done.stderr
+    (row,) = json.loads(done.stdout)["rows"]
+    assert row["status"] == "failed" and "run.json is not a run record" in grs("show", str(run), folder=tmp_path).stderr
+
+
+def test_the_summary_of_a_foreign_batch_is_made_of_its_rows(tmp_path: Path) -> None:
+    row = BatchRow(run="a-0", scene="a", seed=0, status="accepted", reason="", task="pack-a", family="pack")
+    (tmp_path / "results.json").write_text(json.dumps({"summary": {"runs": "many"}, "rows": [row.model_dump()]}))
+    done = grs("batch", "--out", ".", folder=tmp_path)
+    assert done.returncode == 0 and "1 of 1 accepted, 1 different tasks (pack 1)" in done.stdout, done.stderr
+
+
+@pytest.mark.parametrize("field", [{"reward": 1e308}, {"code_fixes": 10**400}, {"cost": float("nan")}, {"seed": -1}])
+def test_rows_of_a_foreign_batch_are_bounded(tmp_path: Path, field: dict[str, Any]) -> None:
+    row = BatchRow(run="a-0", scene="a", seed=0, status="accepted", reason="").model_dump() | field
+    (tmp_path / "results.json").write_text(json.dumps({"summary": {}, "rows": [row]}))
+    done = grs("batch", "--out", ".", folder=tmp_path)
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1 and "results.json" in done.stderr, done.stderr
+
+
+def test_no_cell_of_the_table_is_a_formula(tmp_path: Path) -> None:
+    texts = ("=1+1", "+1 cup", "-2+3", "@sum", "\ttab", "\rreturn", "as it is", "-0.5", "")
+    rows = tuple(
+        BatchRow(run=f"run-{number}", scene=text, seed=0, status="accepted", reason=text, reward=-1.5)
+        for number, text in enumerate(texts)
+    )
+    write_results(tmp_path, summarize_rows(rows))
+    with (tmp_path / "results.csv").open(newline="") as file:
+        table = list(csv.DictReader(file))
+    assert [row["reason"] for row in table] == [*(f"'{text}" for text in texts[:6]), *texts[6:]]
+    assert [row["scene"] for row in table] == [row["reason"] for row in table]
+    assert {row["reward"] for row in table} == {"-1.5"}
+    assert [row["reason"] for row in json.loads((tmp_path / "results.json").read_text())["rows"]] == list(texts)
 
 
 def test_a_run_that_takes_too_long_is_killed(tmp_path: Path, small_scene: Path) -> None:
