@@ -138,7 +138,7 @@ def test_private_names_stay_in_their_package() -> None:
 
 @pytest.mark.parametrize("package", ["sim", "library", "sandbox"])
 def test_what_runs_in_the_sandbox_imports_nothing_heavy(package: str) -> None:
-    heavy = ("langchain_core", "langgraph", "rerun", "cv2", "httpx", "OpenGL", "PIL")
+    heavy = ("langchain_core", "langgraph", "rerun", "cv2", "httpx", "OpenGL", "PIL", "scipy", "jinja2")
     probe = f"import sys, grs_agents.{package}; print([name for name in {heavy!r} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", probe], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

@@ -1,11 +1,11 @@
 """Rank tests: differences between groups (Kruskal-Wallis), two factors with interaction (Scheirer-Ray-Hare)."""
 
 from collections.abc import Mapping, Sequence
+from importlib import import_module
 
 import numpy as np
 import numpy.typing as npt
 
-from evals.benchmark.segmentation_metrics import scipy_module
 from grs_agents.base import Frozen
 
 Floats = npt.NDArray[np.float64]
@@ -23,14 +23,11 @@ class RankTest(Frozen):
 def kruskal_wallis(groups: Mapping[str, Sequence[float]], effect: str) -> RankTest | None:
     """Test that groups of values have the same distribution; ``None`` for fewer than two groups, or if all values
     are equal.
-
-    Raises:
-        InputError: SciPy is not installed.
     """
     kept = [np.asarray(values, np.float64) for values in groups.values() if len(values)]
     if len(kept) < 2 or np.ptp(np.concatenate(kept)) == 0:
         return None
-    statistic, p = scipy_module("scipy.stats").kruskal(*kept)
+    statistic, p = import_module("scipy.stats").kruskal(*kept)
     return RankTest(effect=effect, statistic=float(statistic), freedom=len(kept) - 1, p=float(p))
 
 
@@ -43,11 +40,8 @@ def scheirer_ray_hare(values: Sequence[float], rows: Sequence[str], columns: Seq
 
     Returns:
         Rows, columns and interaction; none if a factor has a single level, a cell is empty, or all values are equal.
-
-    Raises:
-        InputError: SciPy is not installed.
     """
-    ranks = np.asarray(scipy_module("scipy.stats").rankdata(np.asarray(values, np.float64)), np.float64)
+    ranks = np.asarray(import_module("scipy.stats").rankdata(np.asarray(values, np.float64)), np.float64)
     row_names, row = np.unique(np.array(rows), return_inverse=True)
     column_names, column = np.unique(np.array(columns), return_inverse=True)
     down, across = len(row_names) - 1, len(column_names) - 1
@@ -59,7 +53,7 @@ def scheirer_ray_hare(values: Sequence[float], rows: Sequence[str], columns: Seq
     both = _between(ranks, cell) - by_row - by_column
     mean_square = float(((ranks - ranks.mean()) ** 2).sum()) / (len(ranks) - 1)
     effects = (("method", by_row, down), ("model", by_column, across), ("method x model", both, down * across))
-    chi2 = scipy_module("scipy.stats").chi2
+    chi2 = import_module("scipy.stats").chi2
     return tuple(
         RankTest(
             effect=effect,
@@ -72,17 +66,13 @@ def scheirer_ray_hare(values: Sequence[float], rows: Sequence[str], columns: Seq
 
 
 def confidence_interval(values: Sequence[float]) -> tuple[float, float, float]:
-    """Mean and 95 % confidence interval (Student's t) of values; the interval of a single value is the value.
-
-    Raises:
-        InputError: SciPy is not installed.
-    """
+    """Mean and 95 % confidence interval (Student's t) of values; the interval of a single value is the value."""
     sample = np.asarray(values, np.float64)
     mean = float(sample.mean())
     if len(sample) < 2:
         return mean, mean, mean
     reach = (
-        float(scipy_module("scipy.stats").t.ppf(0.975, len(sample) - 1))
+        float(import_module("scipy.stats").t.ppf(0.975, len(sample) - 1))
         * float(sample.std(ddof=1))
         / len(sample) ** 0.5
     )
@@ -96,11 +86,7 @@ def _between(ranks: Floats, group: npt.NDArray[np.int64]) -> float:
 
 
 def mann_whitney(first: Sequence[float], second: Sequence[float]) -> float:
-    """The probability (two-sided) that samples differ so much by chance; 1 if all values are alike.
-
-    Raises:
-        InputError: SciPy is not installed.
-    """
+    """The probability (two-sided) that samples differ so much by chance; 1 if all values are alike."""
     if np.ptp(np.asarray([*first, *second], np.float64)) == 0:
         return 1.0
-    return float(scipy_module("scipy.stats").mannwhitneyu(first, second).pvalue)
+    return float(import_module("scipy.stats").mannwhitneyu(first, second).pvalue)

@@ -3,12 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.base.errors import InputError
 from grs_agents.perception.image_geometry import Labels
 from grs_agents.perception.types import Array
 
@@ -19,18 +17,6 @@ FRAGMENT = 0.1
 """A part of an object counts as a fragment, or as swallowed, from this share of the object's pixels."""
 MOSTLY = 0.5
 """A segment lies mostly in an object from this share of the segment's pixels."""
-
-
-def scipy_module(module: str) -> Any:
-    """A module of SciPy.
-
-    Raises:
-        InputError: SciPy is not installed.
-    """
-    try:
-        return import_module(module)
-    except ImportError as error:
-        raise InputError("the figures of this experiment need SciPy", "pip install 'grs-agents[eval]'") from error
 
 
 @dataclass(frozen=True)
@@ -58,7 +44,7 @@ class Overlaps:
 
     def pairs(self) -> list[tuple[int, int]]:
         """The one-to-one assignment (rows of ``truths``, of ``segments``) with maximal intersection over union."""
-        rows, columns = scipy_module("scipy.optimize").linear_sum_assignment(self.ious, maximize=True)
+        rows, columns = import_module("scipy.optimize").linear_sum_assignment(self.ious, maximize=True)
         both = zip(rows.tolist(), columns.tolist(), strict=True)
         return [(row, column) for row, column in both if self.ious[row, column] > 0]
 

@@ -24,7 +24,7 @@ from grs_agents.sim.world.footprints import (
     object_prism_at_pose,
     rectangle_outline,
 )
-from grs_agents.sim.world.spec import load_object_model
+from grs_agents.sim.world.spec import is_movable, load_object_model
 
 IDLE: Final = 0.05
 """Doing nothing earns at most this share of the reward: a rounded score, not an object that is at its goal already."""
@@ -120,8 +120,7 @@ def check_objects_have_goals(
 
 def is_movable_object(item: InstanceObject, library: Library) -> bool:
     """True for an object that is neither fixed nor a mark."""
-    known = item.asset in library
-    return item.category != "fixed" and known and bool(library.load_object_model(item.asset).colliders)
+    return item.asset in library and is_movable(item, library.load_object_model(item.asset))
 
 
 def check_goals_open_at_start(instances: Sequence[TaskInstance], rollouts: Sequence[Rollout]) -> AuditFinding:

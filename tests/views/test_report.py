@@ -10,15 +10,16 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from markupsafe import escape
 
+from grs_agents.base.control_characters import escape_control_chars
 from grs_agents.base.trace.events import Decision, Finding, Note, SceneStage, TaskDefined
 from grs_agents.base.trace.events import TestsRun as Tested
 from grs_agents.base.trace.log import EventLog, read_events
 from grs_agents.library.library import Library
 from grs_agents.views.film import rollout_film
 from grs_agents.views.report import pictures as report_pictures
-from grs_agents.views.report.html import POLICY, escape_html
-from grs_agents.views.report.page import render_html_report
+from grs_agents.views.report.page import POLICY, render_html_report
 from grs_agents.views.report.pictures import Sources
 from tests.views.conftest import Script
 
@@ -118,7 +119,7 @@ def test_a_fix_stands_beside_the_failure_that_it_answers_and_its_reason(made: st
 
 def test_what_failed_has_the_colour_of_failure_and_what_passed_has_not(made: str) -> None:
     rows = dict(re.findall(r'<tr class="bad"><td>([^<]*)</td><td>([^<]*)</td>', made))
-    assert rows[escape_html(HOSTILE)] == "failed"
+    assert rows[str(escape(escape_control_chars(HOSTILE)))] == "failed"
     assert "reward" not in rows and "<tr><td>reward</td><td>passed</td>" in made
     assert '<span class="bad">✗</span> 4 <b>run_tests</b> 1 passed, 1 failed' in made
     assert '<span class="good">✓</span> 7 <b>run_tests ×2</b> 2 passed' in made

@@ -163,8 +163,6 @@ class ShapeTexture:
     crease: float = 0.82  # cosine between a face and the mean of all faces of a vertex on a crease
     across_crease: float = 0.002  # weight of edges across creases: texture coordinates hardly spread over creases
     flat: float = 0.12  # cosine between view and surface: smaller is a grazing angle
-    rounds: int = 300  # of conjugate gradients at most: a tenth are usual
-    settled: float = 0.1  # pixels: largest residual
     most_bytes: int = 45_000  # of the picture's file
 
 

@@ -3,7 +3,9 @@
 Surface nets: Gibson, "Constrained elastic surface nets", MICCAI 1998. Smoothing: Taubin, "A signal processing approach
 to fair surface design", SIGGRAPH 1995."""
 
+from importlib import import_module
 from itertools import product
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -111,33 +113,12 @@ def smooth_mesh(vertices: Array, faces: Faces, rounds: int) -> Array:
 
 def keep_large_pieces(vertices: Array, faces: Faces, share: float) -> tuple[Array, Faces]:
     """The mesh without closed cavities and pieces below ``share`` of the largest piece's volume."""
-    links = faces[:, [[0, 1], [1, 2]]].reshape(-1, 2)
-    labels = _connected_labels(len(vertices), links)
+    links = edges_of_mesh(faces)
+    graph: Any = import_module("scipy.sparse").coo_array((np.ones(len(links)), links.T), (len(vertices), len(vertices)))
+    count, labels = import_module("scipy.sparse.csgraph").connected_components(graph, directed=False)
     corners = vertices[faces]
     volumes = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
-    pieces = np.bincount(labels[faces[:, 0]], weights=volumes, minlength=len(vertices))
+    pieces = np.bincount(labels[faces[:, 0]], weights=volumes, minlength=count)
     faces = faces[(pieces >= share * pieces.max())[labels[faces[:, 0]]]]
     used, numbered = np.unique(faces, return_inverse=True)
     return vertices[used], numbered.reshape(-1, 3)
-
-
-def _connected_labels(count: int, links: Faces) -> Faces:
-    """(count,) connected component of each vertex, by its least vertex; links (L, 2)."""
-    labels = np.arange(count)
-    while True:
-        least = labels[links].min(axis=1)
-        spread = labels.copy()
-        np.minimum.at(spread, links[:, 0], least)
-        np.minimum.at(spread, links[:, 1], least)
-        np.minimum.at(spread, labels, spread)
-        spread = spread[spread]
-        if (spread == labels).all():
-            return labels
-        labels = spread
-
-
-def is_closed(faces: Faces) -> bool:
-    """Whether each edge has two faces, one in each direction."""
-    edges = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    key, back = edges[:, 0] * (faces.max() + 1) + edges[:, 1], edges[:, 1] * (faces.max() + 1) + edges[:, 0]
-    return len(np.unique(key)) == len(key) and np.array_equal(np.sort(key), np.sort(back))

@@ -1,5 +1,8 @@
 """Texture of a mesh from the photo, without a seam."""
 
+from importlib import import_module
+from typing import Any
+
 import cv2
 import numpy as np
 
@@ -25,7 +28,7 @@ def paint_mesh(crop: ObjectCrop, vertices: Array, faces: Faces) -> ObjectMesh:
     column, row, _ = crop.project(vertices)
     places = np.stack([column, row], axis=1)
     shown = _visible_vertices(crop, vertices, faces)
-    if shown.any():
+    if shown.any() and not shown.all():
         places = _extend_texture_coordinates(places, shown, _creased_vertices(vertices, faces), faces)
     # The photo around the object, inpainted from the inside of its mask without support.
     inner = crop.edge < -CONFIG.inset
@@ -82,30 +85,18 @@ def _creased_vertices(vertices: Array, faces: Faces) -> Mask:
 
 def _extend_texture_coordinates(places: Array, shown: Mask, creased: Mask, faces: Faces) -> Array:
     """(V, 2) texture coordinates of all vertices, from those of the ``shown`` vertices: the harmonic function on the
-    mesh, with low weights across creases, by conjugate gradients."""
-    hidden = ~shown
-    edges = edges_of_mesh(faces)
-    starts, ends = np.concatenate([edges, edges[:, ::-1]]).T
+    mesh, with low weights across creases."""
+    sparse: Any = import_module("scipy.sparse")
+    starts, ends = edges_of_mesh(faces).T
     weight = np.where(creased[starts] | creased[ends], CONFIG.across_crease, 1.0)
-    count = np.bincount(starts, weights=weight, minlength=len(places))[:, None] + 1e-6
-
-    def apply_mesh_laplacian(values: Array) -> Array:
-        sums = [np.bincount(starts, weights=weight * values[ends, axis], minlength=len(values)) for axis in range(2)]
-        return np.where(hidden[:, None], count * values - np.stack(sums, axis=1), 0.0)
-
-    found = np.where(hidden[:, None], places[shown].mean(axis=0), places)
-    left = -apply_mesh_laplacian(found)
-    step = left / count
-    for _ in range(CONFIG.rounds):
-        product = apply_mesh_laplacian(step)
-        ahead = (left * left / count).sum(axis=0)
-        share = ahead / np.maximum((step * product).sum(axis=0), 1e-12)
-        found += share * step
-        left -= share * product
-        if np.abs(left).max() < CONFIG.settled:
-            break
-        step = left / count + (left * left / count).sum(axis=0) / np.maximum(ahead, 1e-12) * step
-    return found
+    links = sparse.coo_array((weight, (starts, ends)), (len(places), len(places)))
+    graph_laplacian: Any = import_module("scipy.sparse.csgraph").laplacian(links + links.T)
+    regular = (graph_laplacian + 1e-6 * sparse.eye_array(len(places))).tocsr()[~shown]
+    middle = places[shown].mean(axis=0)  # that of pieces without a shown vertex
+    from_shown = regular[:, shown] @ (middle - places[shown])
+    extended = places.copy()
+    extended[~shown] = import_module("scipy.sparse.linalg").spsolve(regular[:, ~shown].tocsc(), from_shown) + middle
+    return extended
 
 
 def _support_in_mask(crop: ObjectCrop) -> Mask:

@@ -1,6 +1,7 @@
 """Pictures of a report: photo with boxes, photo over twin, the task from the photo's camera, and the rollouts of the
 last audit with a film."""
 
+import base64
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
@@ -36,7 +37,6 @@ from grs_agents.views.film.rollout_film import (
     make_film_take,
     render_takes,
 )
-from grs_agents.views.report import html
 
 AuditEvent = TypeVar("AuditEvent", Rollout, Finding)
 Image = npt.NDArray[np.uint8]
@@ -79,6 +79,14 @@ class DrawnRollout:
         cause = f" ({event.cause})" if event.cause else ""
         verdict = f"Seed {event.seed}: {event.outcome}{cause}, reward {event.reward:.2f} after {event.steps} steps; "
         return f"{verdict}doing nothing earns {event.idle_reward:.2f}; moved {', '.join(event.moved) or 'nothing'}"
+
+    @property
+    def stills(self) -> "list[Picture]":
+        """The first and the last image; empty without images."""
+        if not self.images:
+            return []
+        ends = ((self.images[0], "before"), (self.images[-1], "after"))
+        return [make_picture(image, f"{name}, seed {self.event.seed}") for image, name in ends]
 
 
 @dataclass(frozen=True)
@@ -142,27 +150,41 @@ def _draw_planned_rollouts(plans: Sequence[_DrawingPlan]) -> list[DrawnRollout]:
         return [drawn for plan in plans for drawn in _draw_planned_rollouts([plan])]
 
 
-def render_film(drawn: Sequence[DrawnRollout], reason: str = "") -> str:
-    """The filmed rollout; empty without a film. ``reason`` is that of a rejected run."""
+@dataclass(frozen=True)
+class Picture:
+    """A picture within the page."""
+
+    url: str
+    width: int
+    height: int
+    caption: str
+    marks: Sequence[tuple[str, Rectangle]] = ()  # named boxes drawn over it, pixels
+    film: str = ""  # URL of an animation, which the picture replaces in print and under reduced motion
+    twin: str = ""  # URL of the picture under it
+
+
+def make_picture(image: Image, caption: str, marks: Sequence[tuple[str, Rectangle]] = ()) -> Picture:
+    """An image (H, W, 3) within the page, with named boxes (pixels) drawn over it."""
+    return Picture(_encode_as_url(image), image.shape[1], image.shape[0], caption, marks)
+
+
+def _encode_as_url(image: Image) -> str:
+    """An image (H, W, 3), red first, as the data URL of a JPEG."""
+    import cv2
+
+    bgr = np.ascontiguousarray(image[:, :, ::-1])
+    jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()
+    return f"data:image/jpeg;base64,{base64.b64encode(jpeg).decode()}"
+
+
+def make_film(drawn: Sequence[DrawnRollout], reason: str = "") -> Picture | None:
+    """The filmed rollout; None without a film. ``reason`` is that of a rejected run."""
     for item in drawn:
         if item.rate and item.images:
-            film = encode_animation(item.images, item.rate, "webp")
+            film = base64.b64encode(encode_animation(item.images, item.rate, "webp")).decode()
             caption = f"The oracle at the task, seed {item.event.seed}: {reason or item.event.outcome}"
-            return html.render_film(film, item.images[-1], caption)
-    return ""
-
-
-def render_rollouts(drawn: Sequence[DrawnRollout]) -> Iterator[str]:
-    """Each rollout: its summary, the images before and after."""
-    for item in drawn:
-        yield html.render_paragraph(item.summary, "good" if item.event.outcome == "success" else "bad")
-        if item.problem:
-            yield html.render_paragraph(f"There is no picture of it: {item.problem}", "quiet")
-        if item.images:
-            stills = ((item.images[0], "before"), (item.images[-1], "after"))
-            yield html.render_side_by_side(
-                *(html.render_picture(image, f"{name}, seed {item.event.seed}") for image, name in stills)
-            )
+            return replace(make_picture(item.images[-1], caption), film=f"data:image/webp;base64,{film}")
+    return None
 
 
 @dataclass
@@ -185,30 +207,20 @@ def merge_scene_stage_summaries(events: Sequence[Event]) -> PhotoParts:
     return parts
 
 
-def render_photo_or_twin(photo: PhotoParts, folder: Path) -> str:
-    """The photo over its twin; without a twin the photo alone."""
-    return _render_photo_over_twin(photo.files, folder) or _render_annotated_photo(photo, folder)
-
-
-def render_scene(events: Sequence[Event], photo: PhotoParts, sources: Sources) -> Iterator[str]:
-    """The photo with numbered boxes around its objects, the task from the photo's camera, and a table of objects."""
-    sources.report_drawing_progress("the camera's view of the simulation")
-    boxed = _render_annotated_photo(photo, sources.folder)
-    yield html.render_side_by_side(boxed, _render_task_view(events, sources, photo.camera))
-    if photo.objects:
-        bystanders = _find_bystander_labels(events, sources.folder)
-        rows = [
-            (
-                object_mask_label(item, index),
-                object_display_name(item),
-                format_object_size(item),
-                item.get("asset") or "",
-                item.get("description") or "",
-                bystanders.get(index, ""),
-            )
-            for index, item in enumerate(photo.objects)
-        ]
-        yield html.render_table(["", "name", "size (cm)", "asset", "description", "in the task"], rows, (0,))
+def describe_objects(events: Sequence[Event], photo: PhotoParts, folder: Path) -> list[tuple[object, ...]]:
+    """Rows of the photo's objects: label, name, size, asset, description, part in the task."""
+    bystanders = _find_bystander_labels(events, folder) if photo.objects else {}
+    return [
+        (
+            object_mask_label(item, index),
+            object_display_name(item),
+            format_object_size(item),
+            item.get("asset") or "",
+            item.get("description") or "",
+            bystanders.get(index, ""),
+        )
+        for index, item in enumerate(photo.objects)
+    ]
 
 
 def _find_bystander_labels(events: Sequence[Event], folder: Path) -> dict[int, str]:
@@ -225,49 +237,42 @@ def _find_bystander_labels(events: Sequence[Event], folder: Path) -> dict[int, s
     }
 
 
-def _render_annotated_photo(photo: PhotoParts, folder: Path) -> str:
+def make_annotated_photo(photo: PhotoParts, folder: Path) -> Picture | None:
+    """The photo with numbered boxes around its objects; None without a photo."""
     import cv2
 
     file = find_member_file(folder, photo.files["rgb"]) if "rgb" in photo.files else None
     if file is None:
-        return ""
+        return None
     image = read_picture(file, cv2.IMREAD_COLOR)
     drawn = find_member_file(folder, photo.files["masks"]) if "masks" in photo.files else None
     labels = read_picture(drawn, cv2.IMREAD_UNCHANGED) if drawn is not None else None
     numbers = {object_mask_label(item, index) for index, item in enumerate(photo.objects)}
     boxes = mask_bounding_boxes(labels) if labels is not None and labels.shape == image.shape[:2] else {}
     marks: list[tuple[str, Rectangle]] = [(str(label), box) for label, box in boxes.items() if label in numbers]
-    return html.render_picture(
-        np.asarray(image[:, :, ::-1], np.uint8), "The photo, with the objects found in it", marks
-    )
+    return make_picture(np.asarray(image[:, :, ::-1], np.uint8), "The photo, with the objects found in it", marks)
 
 
-def _render_photo_over_twin(files: dict[str, str], folder: Path) -> str:
-    """The photo over its twin, up to a draggable edge; in print side by side."""
+def make_photo_over_twin(files: dict[str, str], folder: Path) -> Picture | None:
+    """The photo over its twin, up to a draggable edge, in print side by side; None without a twin."""
     import cv2
 
     paths = [find_member_file(folder, files[name]) if name in files else None for name in ("rgb", "twin")]
     if paths[0] is None or paths[1] is None:
-        return ""
-    photo, twin = (read_picture(file, cv2.IMREAD_COLOR)[:, :, ::-1] for file in paths if file is not None)
-    height, width = twin.shape[:2]
-    photo = cv2.resize(photo, (width, height), interpolation=cv2.INTER_AREA)
-    over, under = (
-        f'<img src="{html.picture_url(np.asarray(image, np.uint8))}" width="{width}" height="{height}" alt="{name}">'
-        for image, name in ((photo, "The photo"), (twin, "Its twin"))
+        return None
+    photo, twin = (
+        np.asarray(read_picture(file, cv2.IMREAD_COLOR)[:, :, ::-1], np.uint8) for file in paths if file is not None
     )
+    photo = np.asarray(cv2.resize(photo, twin.shape[1::-1], interpolation=cv2.INTER_AREA), np.uint8)
     caption = "The photo (left) and its twin in MuJoCo: drag the corner of the photo"
-    return (
-        f'<figure><div class="compare">{under}<div class="over">{over}</div></div>'
-        f"<figcaption>{html.escape_html(caption)}</figcaption></figure>"
-    )
+    return replace(make_picture(photo, caption), twin=_encode_as_url(twin))
 
 
-def _render_task_view(events: Sequence[Event], sources: Sources, camera: dict[str, Any]) -> str:
-    """The task from the photo's camera; empty for a run without rollouts."""
+def draw_task_view(events: Sequence[Event], sources: Sources, camera: dict[str, Any]) -> tuple[Picture | None, str]:
+    """The task from the photo's camera, None for a run without rollouts, and the reason why it cannot be drawn."""
     played = [event for event in last_audit_events(events, Rollout) if event.instance]
     if not played or not camera.get("T_robot_cam"):
-        return ""
+        return None, ""
     try:
         instance = read_task_instance(resolve_member_file(sources.folder, played[0].instance or ""))
         lens = Lens(**{name: camera[name] for name in ("fx", "fy", "cx", "cy", "width", "height")})
@@ -275,7 +280,5 @@ def _render_task_view(events: Sequence[Event], sources: Sources, camera: dict[st
         props = replace(scene_props_from_instance(instance), arm=None)
         picture = render_from_camera(props, sources.library, small, np.asarray(camera["T_robot_cam"], np.float64))
     except GrsError as error:
-        return html.render_paragraph(f"The simulation cannot be drawn: {error}", "quiet")
-    return html.render_picture(
-        picture.color, f"The same view of the task, seed {instance.seed}, before the robot moves"
-    )
+        return None, str(error)
+    return make_picture(picture.color, f"The same view of the task, seed {instance.seed}, before the robot moves"), ""

@@ -32,7 +32,6 @@ def measured(graph: str, seed: int, published: float | None, status: str = "acce
 
 
 def test_runtime_errors_are_left_out_and_counted_as_zero(tmp_path: Path) -> None:
-    pytest.importorskip("scipy")
     good = [measured("grs", seed, 1.0) for seed in range(8)]
     bad = [measured("no_fix", seed, 0.5 if seed < 4 else None, "rejected") for seed in range(8)]
     tell_figures([*good, *bad], ExperimentParser("ablation", "").start(["--out", str(tmp_path)]))
@@ -50,7 +49,6 @@ def test_runtime_errors_are_left_out_and_counted_as_zero(tmp_path: Path) -> None
 def test_a_program_that_no_audit_saw_has_the_same_reward(
     small_scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    pytest.importorskip("scipy")
     main = load_experiment("ablation").main
     arguments = [str(small_scene), "--runs", "1", "--graphs", "no_fix", "--out", str(tmp_path / "out"), "--json"]
     assert main(arguments) == 0

@@ -8,7 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grs_agents.perception.shapes.colliders import Hull, fit_colliders
+from grs_agents.perception.shapes.object_crop import crop_object
 from grs_agents.perception.shapes.reconstruction import reconstruct_shape
+from grs_agents.perception.shapes.texture import paint_mesh
 from tests.perception.shapes.photo import CAMERA, cup, depth_of, depth_of_table, on_table, photograph
 
 
@@ -340,3 +342,24 @@ def test_mug_has_a_handle():
     assert -shape.mesh.vertices[:, 1].min() == pytest.approx(0.04, abs=0.004)
     beside = shape.mesh.vertices[shape.mesh.vertices[:, 1] > 0.06]
     assert np.abs(beside[:, 0]).max() < 0.015
+
+
+def test_hidden_vertices_take_the_texture_of_their_neighbours_and_hidden_pieces_that_of_the_middle():
+    ball = on_table(trimesh.creation.icosphere(subdivisions=3, radius=0.05))
+    crop = crop_object(photograph(ball))
+    assert crop is not None
+    count, below = len(ball.vertices), ball.vertices - (0, 0, 1)
+
+    mesh = paint_mesh(crop, np.vstack([ball.vertices, below]), np.vstack([ball.faces, ball.faces + count]))
+
+    seen, hidden = mesh.uvs[:count], mesh.uvs[count:]
+    assert np.ptp(hidden, axis=0).max() < 0.01
+    assert np.abs(hidden - 0.5).max() < 0.2
+    edges = ball.edges_unique
+    sums, degrees = np.zeros((count, 2)), np.zeros(count)
+    for start, end in (edges.T, edges.T[::-1]):
+        np.add.at(sums, start, seen[end])
+        np.add.at(degrees, start, 1)
+    behind = (ball.vertices - ball.centroid) @ (crop.eye - ball.centroid) < 0
+    assert behind.sum() > 200
+    assert np.abs(sums / degrees[:, None] - seen)[behind].max() < 1e-4

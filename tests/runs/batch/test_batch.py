@@ -1,6 +1,7 @@
 """``grs batch``: killed, gone on with, listed, refused."""
 
 import csv
+import html
 import json
 import os
 import shutil
@@ -18,7 +19,7 @@ from grs_agents.base.config.recorded import RecordedConfig
 from grs_agents.base.config.schema import Config
 from grs_agents.runs.batch.batch import summarize_rows
 from grs_agents.runs.batch.jobs import run_jobs
-from grs_agents.runs.batch.results import BatchResults, read_results, write_results
+from grs_agents.runs.batch.results import BatchResults, read_results, render_page, write_results
 from grs_agents.runs.batch.row import BatchRow
 from grs_agents.runs.batch.run_process import RunJob
 from grs_agents.runs.record import RunRecord
@@ -88,7 +89,17 @@ def test_the_files_of_a_batch_say_the_same(batch: Path) -> None:
     assert {name: row["status"] for name, row in table.items()} == {row.run: row.status for row in rows}
     page = (batch / "out" / "index.html").read_text()
     assert 'src="good-0/scene/rgb.png"' in page and "<script" not in page
-    assert all(row.reason in page.replace("&#x27;", "'") for row in rows)
+    assert all(row.reason in html.unescape(page) for row in rows)
+
+
+def test_foreign_text_on_the_page_is_escaped(tmp_path: Path) -> None:
+    hostile = "<script>alert(1)</script>\"'\x1b[2J"
+    texts = dict.fromkeys(("run", "scene", "status", "reason", "task", "description", "repeats"), hostile)
+    summary = {"accepted": 0, "runs": 1, "different_tasks": 0, "families": {hostile: 1}, "seconds": 1.0, "cost": 0.0}
+    results = BatchResults.model_validate({"summary": summary, "rows": [{**texts, "seed": 0}]})
+    page = render_page(tmp_path / "<b>", results)
+    assert "<script" not in page and "<b>" not in page and "\x1b" not in page
+    assert html.unescape(page).count(hostile.replace("\x1b", "\\x1b")) == 8
 
 
 def test_parquet_holds_the_rows(batch: Path) -> None:
