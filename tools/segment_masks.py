@@ -34,8 +34,13 @@ def run(request: Request, context: ToolContext) -> Result:
         InputError: the scene has no masks, or none with enough depth.
     """
     rows, columns = request.frame.depth.shape
-    labels = read_foreign_masks(request.frame.source, (rows, columns))
+    masks = read_foreign_masks(request.frame.source, (rows, columns))
+    labels = masks.labels
     candidates = measure_candidates(request.frame, request.table, labels, given=True)
     kept = {int(labels[candidate.mask].max()) for candidate in candidates}
     lost = sorted(set(np.unique(labels).tolist()) - kept - {0})
-    return Result(candidates, tuple(f"mask {number} has too little depth to be an object" for number in lost))
+    notes = [f"mask {number} has too little depth to be an object" for number in lost]
+    if any(masks.names):
+        named = (f"{item.id} is {masks.names[int(labels[item.mask].max()) - 1]!r}" for item in candidates)
+        notes.append(f"names of the masks: object {', '.join(named)}")
+    return Result(candidates, tuple(notes))

@@ -122,7 +122,7 @@ def read_labelled(source: Path) -> LabelledScene:
     frame = read_scene(source)
     if is_bop_source(source):
         rows, columns = frame.depth.shape
-        labels, infos = read_masks(source, (rows, columns)), bop_objects(source)
+        labels, infos = read_masks(source, (rows, columns)).labels, bop_objects(source)
         if len(infos) != labels.max():  # it is not known which mask is whose
             return LabelledScene(short_scene_name(source), frame, labels)
         objects = tuple(

@@ -1,13 +1,22 @@
 """The types of perception: frame and camera, boxes, candidates, the table's frame, the description of the whole scene.
 The workspace is where the arm works: on the table in front of its base, within its reach."""
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import AfterValidator, Field, ValidationError, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 
 from grs_agents.base import Frozen, Pose, Quat, Vec3
 from grs_agents.base.errors import InputError
@@ -57,6 +66,7 @@ class Camera(Intrinsics):
     T_robot_cam: Matrix | None = None
     # the arm's joint positions in the photo, rad, base first; they locate the pixels of the arm
     joints: tuple[Finite, ...] | None = None
+    up: Vec3 | None = None  # away from gravity, unit vector in the camera frame, if a sensor measured it
 
     @property
     def arm_is_known(self) -> bool:
@@ -67,6 +77,20 @@ class Camera(Intrinsics):
     def intrinsics(self) -> Intrinsics:
         """Focal lengths, principal point and size without depth scale and pose."""
         return Intrinsics.model_validate({name: getattr(self, name) for name in Intrinsics.model_fields})
+
+    @field_validator("up")
+    @classmethod
+    def _normalise_up(cls, up: Vec3 | None) -> Vec3 | None:
+        if up is None:
+            return None
+        length = math.hypot(*up)
+        if not 1e-6 < length < 1e6:
+            raise ValueError("must be a direction: three finite numbers that are not all 0")
+        return (up[0] / length, up[1] / length, up[2] / length)
+
+    @model_serializer(mode="wrap")
+    def _leave_out_unknown_up(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {key: value for key, value in dump(self).items() if key != "up" or value is not None}
 
     @field_validator("T_robot_cam")
     @classmethod

@@ -159,10 +159,7 @@ def test_what_is_no_scene_is_found_before_a_folder_is_made(tmp_path: Path, sourc
 @pytest.mark.parametrize(
     ("name", "kind", "way"),
     [
-        ("desk.bag", "a ROS 1 bag or a RealSense recording", "rgb.png, depth.png aligned with it, camera.json"),
-        ("desk.mcap", "a ROS 2 recording", "camera.json"),
-        ("desk_0.db3", "a ROS 2 recording", "camera.json"),
-        ("desk.R3D", "a Record3D capture", "depth.npy in metres"),
+        ("desk.svo", "a ZED recording", "rgb.png, depth.png aligned with it, camera.json"),
         ("desk.usdz", "a USD model or room scan", "grs assets import"),
         ("desk.mp4", "a video", "one frame"),
         ("desk.zip", "an archive", "unpack it"),

@@ -40,14 +40,24 @@ def open_picture(
     file: Path, remedy: str, formats: tuple[str, ...] = FORMATS, most: int = MOST_BYTES, pixels: int = MOST_PIXELS
 ) -> Generator[tuple[Pillow.Image, bytes]]:
     """A picture of checked size, not decoded, and its bytes. Raises InputError: it is missing, torn or too large."""
-    data, known = read_bytes(file, remedy, most), ", ".join(formats)
+    data = read_bytes(file, remedy, most)
+    with open_picture_bytes(data, str(file), formats, pixels) as image:
+        yield image, data
+
+
+@contextmanager
+def open_picture_bytes(
+    data: bytes, where: str, formats: tuple[str, ...] = FORMATS, pixels: int = MOST_PIXELS
+) -> Generator[Pillow.Image]:
+    """A picture of checked size, not decoded; ``where`` is its name in errors. Raises InputError: torn or too large."""
+    known = ", ".join(formats)
     if formats == FORMATS and data[4:12] in _HEIF_BRANDS:
         try:
             pillow_heif = import_module("pillow_heif")
         except ImportError as error:
             install = 'pip install "grs-agents[heic]", or write it as .jpg'
             raise InputError(
-                f"{file} is a HEIC photo, and the package pillow-heif is not installed", install
+                f"{where} is a HEIC photo, and the package pillow-heif is not installed", install
             ) from error
         pillow_heif.register_heif_opener()
         formats = ("HEIF",)
@@ -55,17 +65,17 @@ def open_picture(
         with Pillow.open(BytesIO(data), formats=formats) as image:
             width, height = image.size
             if width * height > pixels:
-                message = f"{file} has {width}x{height} pixels, more than {pixels}"
+                message = f"{where} has {width}x{height} pixels, more than {pixels}"
                 raise InputError(message, "give it at a smaller size")
-            yield image, data
+            yield image
     except InputError:
         raise
     except Pillow.UnidentifiedImageError as error:
-        message = f"{file} is not a readable picture ({len(data)} bytes)"
+        message = f"{where} is not a readable picture ({len(data)} bytes)"
         raise InputError(message, f"write it as one of {known}") from error
     except MALFORMED as error:
         reason = str(error)[:200] or type(error).__name__
-        raise InputError(f"{file} is not a readable picture: {reason}", f"write it again as one of {known}") from error
+        raise InputError(f"{where} is not a readable picture: {reason}", f"write it again as one of {known}") from error
 
 
 def read_picture(file: Path, flags: int) -> npt.NDArray[Any]:

@@ -81,7 +81,8 @@ class Calibration:
     cy: float
     source: str  # file and key, for notes and errors
     size: tuple[int, int] | None = None  # width and height of its picture
-    distortion: tuple[float, ...] = ()  # OpenCV's coefficients; empty for a rectified picture
+    distortion: tuple[float, ...] = ()  # coefficients; empty for a rectified picture
+    lens_model: str = ""  # as the file names it
     scale: float | None = None  # the number under depth_scale and the like, of unknown direction
 
     def is_same_camera(self, calibration: "Calibration") -> bool:
@@ -180,6 +181,7 @@ def _calibration_of_mapping(mapping: Mapping[str, object], source: str) -> Calib
         source=f"{source}: {key}",
         size=size,
         distortion=distortion if any(distortion) else (),
+        lens_model=lens_model if isinstance(lens_model := lower.get("distortion_model", ""), str) else "",
         scale=_first_number(lower, SCALES),
     )
 

@@ -13,6 +13,7 @@ from grs_agents.base.errors import InputError
 from grs_agents.base.foreign.files import path_exists, read_json
 from grs_agents.perception.reading.calibration_files import Calibration, distinct_calibrations, read_values
 from grs_agents.perception.reading.depth_encoding import MILLIMETRE, DepthUnit, Units, resolve_stated_scale
+from grs_agents.perception.reading.lens_distortion import FISHEYE, LensDistortion, normalize_lens_model
 from grs_agents.perception.types import Camera
 
 KEYS = "fx fy cx cy width height depth_scale"
@@ -28,6 +29,7 @@ MEANINGS = {
     "K": "3x3 intrinsic matrix, in pixels",
     "T_robot_cam": "4x4, from the camera frame (x right, y down, z forward) to the robot frame, metres",
     "joints": "positions of the arm's joints in the photo, rad, base first",
+    "up": "direction away from gravity, three numbers in the camera frame (x right, y down, z forward)",
 }
 """Meanings of the keys of camera.json, for errors."""
 _OTHER_NAMES = {
@@ -46,7 +48,7 @@ ALIASES = {name: key for key, names in _OTHER_NAMES.items() for name in names.sp
 COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 """Order of OpenCV's distortion coefficients."""
 DISTORTION_KEYS = ("d", "distortion", "distortion_coefficients", "dist_coeffs", "coeffs", *COEFFICIENTS)
-FISHEYE_KEYS = ("distortion_model", "model", "camera_model")
+LENS_KEYS = ("distortion_model", "model", "camera_model")
 CONVENTION_KEYS = ("convention", "axes", "coordinate_system", "camera_convention")
 OPENCV_NAMES = ("opencv", "cv", "ros_optical", "optical")
 LARGEST = 1e9  # bound on the values of an intrinsic matrix
@@ -64,7 +66,7 @@ class CameraFile:
 
     camera: Camera
     notes: tuple[str, ...] = ()
-    distortion: tuple[float, ...] = ()  # OpenCV's coefficients of the lens; empty if it has none
+    distortion: LensDistortion | None = None  # of the lens, if it is not negligible
     taken: str = ""  # file and key of the intrinsics; empty for the documented keys of camera.json
 
 
@@ -108,6 +110,7 @@ def _camera_from_mapping(
     unused: list[str] = []
     distortion: dict[str, float] = {}
     foreign_scale: float | None = None
+    lens_model = ""
     for key, value in given.items():
         name = key.lower()
         alias = ALIASES.get(name, "")
@@ -127,10 +130,8 @@ def _camera_from_mapping(
             values[alias] = value
         elif alias == "depth_scale" and alias not in given and isinstance(value, int | float) and 0 < value < LARGEST:
             foreign_scale = float(value)
-        elif name in FISHEYE_KEYS and isinstance(value, str) and re.search("equi|fisheye|kannala|ftheta", value, re.I):
-            raise InputError(
-                f"{file}: {key} = {value!a:.40} is a fisheye lens", "rectify colour and depth to a pinhole camera"
-            )
+        elif name in LENS_KEYS and isinstance(value, str):
+            lens_model = normalize_lens_model(value)
         elif not (name in CONVENTION_KEYS and isinstance(value, str) and value.lower() in OPENCV_NAMES):
             _refuse_meaningful_key(key, value, given, str(file))
             unused.append(f"{key[:40]!a}")
@@ -145,11 +146,11 @@ def _camera_from_mapping(
             raise InputError(f"{file}: depth_scale is missing, and {unit.reason}", DEPTH_SCALE_REMEDY)
         values = {"depth_scale": unit.scale} | values
         notes += [f"{file.name} gives no depth_scale: {unit.reason}"] if unit.reason else []
-    coefficients = tuple(distortion.get(name, 0.0) for name in COEFFICIENTS)
-    while coefficients and not coefficients[-1]:
-        coefficients = coefficients[:-1]
+    order = COEFFICIENTS if lens_model not in FISHEYE else ("k1", "k2", "k3", "k4")
+    coefficients = tuple(distortion.get(name, 0.0) for name in order)
+    lens = LensDistortion(lens_model, coefficients, str(file))
     camera = camera_from_values(values, str(file))
-    return CameraFile(camera, tuple(notes), coefficients, "" if standard else file.name)
+    return CameraFile(camera, tuple(notes), None if lens.is_none else lens, "" if standard else file.name)
 
 
 def _distortion_of_key(name: str, value: object, where: str) -> dict[str, float]:
@@ -189,7 +190,8 @@ def camera_from_calibration(
     camera = camera_from_values(
         {**values, "width": width, "height": height, "depth_scale": unit.scale}, calibration.source
     )
-    return CameraFile(camera, tuple(notes), calibration.distortion, calibration.source)
+    lens = LensDistortion(normalize_lens_model(calibration.lens_model), calibration.distortion, calibration.source)
+    return CameraFile(camera, tuple(notes), None if lens.is_none else lens, calibration.source)
 
 
 def choose_calibration(calibrations: Sequence[Calibration], size: tuple[int, int] | None, where: str) -> Calibration:

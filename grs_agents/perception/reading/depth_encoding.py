@@ -147,12 +147,11 @@ def convert_ray_distance(depth: Depth, intrinsics: Intrinsics, where: str) -> tu
     Raises:
         InputError: the values are affine on planes: a disparity, a z-buffer or an inverse depth.
     """
-    rows, columns = np.nonzero(depth > 0)
-    if len(rows) < _SAMPLED // 4:
+    points, nearness = list_measured_rays(depth, intrinsics)
+    if len(points) < _SAMPLED // 4:
         return depth, ""
-    points = np.stack([(columns - intrinsics.cx) / intrinsics.fx, (rows - intrinsics.cy) / intrinsics.fy], axis=1)
-    value, length = depth[rows, columns].astype(np.float64), np.sqrt(1 + (points**2).sum(axis=1))
-    axis, ray, affine = (measure_plane_share(points, inverse) for inverse in (1 / value, length / value, value))
+    length = np.sqrt(1 + (points**2).sum(axis=1))
+    axis, ray, affine = (measure_plane_share(points, q) for q in (nearness, length * nearness, 1 / nearness))
     if max(ray, affine) < max(_CLEARLY * axis, _LEAST_PLANE):
         return depth, ""
     if affine > ray:
@@ -168,6 +167,15 @@ def convert_ray_distance(depth: Depth, intrinsics: Intrinsics, where: str) -> tu
     along = (depth / np.sqrt(1 + across**2 + down[:, None] ** 2)).astype(np.float32)
     shares = f"{ray:.0%} of the pixels lie on one plane, {axis:.0%} otherwise"
     return along, f"depth was taken as distance along the ray and converted: {shares}"
+
+
+def list_measured_rays(
+    depth: Depth, intrinsics: Intrinsics
+) -> "tuple[npt.NDArray[np.floating[Any]], npt.NDArray[np.float64]]":
+    """x / z and y / z (N, 2) of the measured pixels of depth (H, W), and their inverse depth (N,), 1/m."""
+    rows, columns = np.nonzero(depth > 0)
+    points = np.stack([(columns - intrinsics.cx) / intrinsics.fx, (rows - intrinsics.cy) / intrinsics.fy], axis=1)
+    return points, 1 / depth[rows, columns].astype(np.float64)
 
 
 def measure_plane_share(points: "npt.NDArray[np.floating[Any]]", inverse: npt.NDArray[np.float64]) -> float:

@@ -5,22 +5,24 @@ import re
 from collections.abc import Iterable
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from grs_agents.base import content
 from grs_agents.base.config.schema import CameraConfig
 from grs_agents.base.errors import InputError
 from grs_agents.base.foreign.files import is_folder, list_folder_names, path_exists
 from grs_agents.base.foreign.pictures import MOST_PIXELS
+from grs_agents.perception.reading.annotations import LONGEST_NAME
 from grs_agents.perception.reading.bop import PREFIX, is_bop_source, parse_bop_source
-from grs_agents.perception.reading.capture import list_files, split_choice
+from grs_agents.perception.reading.captures import find_capture, split_choice
 from grs_agents.perception.reading.frame_assembly import MOST_FRAME_PIXELS, SceneRecording
-from grs_agents.perception.reading.masks import MOST_MASKS, STEMS, Labels, read_masks
+from grs_agents.perception.reading.masks import MOST_MASKS, GivenMasks, find_mask_names, read_masks
 from grs_agents.perception.reading.photo_without_depth import Estimator
 from grs_agents.perception.reading.picture import ColorPicture
+from grs_agents.perception.reading.scene_files import list_files
 from grs_agents.perception.reading.scene_folder import SCENE_SUFFIXES
 from grs_agents.perception.reading.scene_source import check_scene_source, finish_recording, read_scene
 from grs_agents.perception.types import Camera, RGBDFrame
@@ -56,6 +58,11 @@ class _Scene(BaseModel):
     photo: _Photo | None
 
 
+_MASK_NAMES = TypeAdapter(
+    Annotated[tuple[Annotated[str, Field(max_length=LONGEST_NAME)], ...], Field(max_length=MOST_MASKS)]
+)
+
+
 def read_foreign_scene(
     source: Path,
     estimate: Estimator | None = None,
@@ -75,7 +82,9 @@ def read_foreign_scene(
         image = parse_bop_source(source)
         pictures = image.find_picture_file("rgb", "gray"), image.find_picture_file("depth")
         files = [home / "scene_camera.json", *(file for file in pictures if file is not None)]
-    elif is_folder(home) and home != source.parent:
+    elif find_capture(source) is not None:
+        files = []  # links that lead out of a capture are not followed
+    elif is_folder(split_choice(source)[0]):
         files = [home / path for path in list_files(home) if path.suffix.lower() in SCENE_SUFFIXES]
     else:
         files = [home / "camera.json"]
@@ -106,7 +115,7 @@ def read_foreign_scene(
     return finish_recording(recording, estimate, field_of_view)
 
 
-def read_foreign_masks(source: Path, shape: tuple[int, int]) -> Labels:
+def read_foreign_masks(source: Path, shape: tuple[int, int]) -> GivenMasks:
     """As `read_masks`, in a worker."""
     if is_sample_scene(source):
         return read_masks(source, shape)
@@ -117,7 +126,7 @@ def read_foreign_masks(source: Path, shape: tuple[int, int]) -> Labels:
     if is_bop_source(source):
         start, folders = f"{parse_bop_source(source).file_stem}_", [home / "mask_visib"]
     elif is_folder(source) or source.suffix.lower() != ".npz":
-        files = [home / name for name in list_folder_names(home) if Path(name).stem.lower() in STEMS]
+        files = [home / name for name in find_mask_names(home)]
         folders = [file for file in files if not file.is_symlink()]
     for folder in filter(is_folder, folders):
         files += [folder / name for name in list_folder_names(folder) if name.startswith(start)]
@@ -125,17 +134,21 @@ def read_foreign_masks(source: Path, shape: tuple[int, int]) -> Labels:
     reading = _read_in_worker(source, {"shape": list(shape)}, links)
     try:
         labels = np.frombuffer(reading.blobs["labels"], np.int32).reshape(shape).copy()
+        names = _MASK_NAMES.validate_python(reading.answer["names"])
     except (ValueError, KeyError) as error:
         raise InputError(f"{source} cannot be read: the worker's answer holds no masks", "try again") from error
-    return np.clip(labels, 0, MOST_MASKS)
+    return GivenMasks(np.clip(labels, 0, MOST_MASKS), names)
 
 
 def _read_in_worker(source: Path, request: dict[str, Any], links: dict[Path, Path]) -> WorkerReply:
     try:
+        capture = find_capture(source)
         if is_bop_source(source) or is_folder(split_choice(source)[0]):
             readable = [_find_home(source)]
+        elif capture is not None and "shape" not in request:
+            readable = [capture.path]
         elif "shape" in request and source.suffix.lower() != ".npz":
-            readable = [source.parent]  # the masks of a photo lie beside it
+            readable = [_find_home(source)]  # the masks of a photo lie beside it
         else:
             readable = [source]
             if (camera := source.parent / "camera.json").is_file() and camera not in links and not camera.is_symlink():
@@ -156,7 +169,7 @@ def _absolute(source: Path) -> Path:
 
 def _name_as_given(text: str, source: Path) -> str:
     """A text with file names as the user gave them."""
-    given = Path(str(source).removeprefix(PREFIX))
+    given = split_choice(Path(str(source).removeprefix(PREFIX)))[0]
     text = text.replace(str(_absolute(source)), str(source)).replace(str(given.absolute()), str(given))
     return text.replace(f"{given.absolute().parent}/", "" if str(given.parent) == "." else f"{given.parent}/")
 
@@ -172,8 +185,8 @@ def _find_home(source: Path) -> Path:
     """The folder of a scene, or of its file."""
     if is_bop_source(source):
         return parse_bop_source(source).scene
-    folder, _ = split_choice(source)
-    return folder if is_folder(folder) else source.parent
+    path = split_choice(source)[0]
+    return path if is_folder(path) else path.parent
 
 
 def _find_linked_files(folder: Path, files: Iterable[Path]) -> dict[Path, Path]:

@@ -19,8 +19,10 @@ from grs_agents.perception.reading.depth_encoding import (
     Depth,
     Units,
     convert_ray_distance,
+    list_measured_rays,
     measure_plane_share,
 )
+from grs_agents.perception.reading.lens_distortion import LensDistortion, rectification_map, rectify_picture
 from grs_agents.perception.reading.picture import ColorPicture, rotate_by_exif
 from grs_agents.perception.types import Camera, Image, RGBDFrame
 
@@ -134,7 +136,7 @@ class SceneRecording:
     camera: Camera | None = None  # of the colour or of the depth picture, whichever has its size
     measured: RecordedDepth | None = None  # the depth
     notes: tuple[str, ...] = ()  # on the reading of the scene
-    distortion: tuple[float, ...] = ()  # OpenCV's coefficients of the lens that `camera` belongs to
+    distortion: LensDistortion | None = None  # of the lens that `camera` belongs to
     rectified: bool | None = None  # whether colour and depth are rectified already, if the user said so
 
     @property
@@ -177,7 +179,7 @@ def assemble_frame(recording: SceneRecording, camera: Camera, measured: Recorded
         depth = resize_depth(depth, *target)
     depth_scale = measured.scale if measured.units.dtype == np.uint16 else MILLIMETRE  # as a 16-bit picture holds it
     camera = scale_camera_to_size(camera, *target).model_copy(update={"depth_scale": depth_scale})
-    if any(recording.distortion):
+    if recording.distortion is not None:
         rgb, depth, note = _rectify(rgb, depth, camera, recording.distortion, recording.rectified)
         recording = recording.with_note(note)
     depth, note = convert_ray_distance(depth, camera.intrinsics, measured.where)
@@ -186,37 +188,26 @@ def assemble_frame(recording: SceneRecording, camera: Camera, measured: Recorded
 
 
 def _rectify(
-    rgb: Image, depth: Depth, camera: Camera, distortion: Sequence[float], rectified: bool | None
+    rgb: Image, depth: Depth, camera: Camera, lens: LensDistortion, rectified: bool | None
 ) -> tuple[Image, Depth, str]:
     """Colour and depth of a pinhole camera, with a note; unchanged if they are rectified already.
 
     If the user did not say which, planes decide: the reading under which the largest plane has more pixels.
     """
-    matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
-    coefficients = np.array([*distortion, *(0.0,) * (8 - len(distortion))])
-    rows, columns = (axis.ravel() for axis in np.mgrid[0 : camera.height : 24j, 0 : camera.width : 32j])
-    pixels = np.stack([columns, rows], axis=1)
-    straight = cv2.undistortPoints(pixels[:, None], matrix, coefficients, P=matrix)[:, 0]
-    moved = float(np.hypot(*(straight - pixels).T).max())
+    at = rectification_map(camera, lens)
+    moved = float(np.abs(at - np.indices(depth.shape)[::-1].transpose(1, 2, 0)).max())
     if moved < IGNORED_DISTORTION:
         return rgb, depth, f"the lens distorts by at most {moved:.1f} px, which is ignored"
+    straight = np.asarray(rectify_picture(depth, at, interpolate=False), np.float32)
     reason = "as the camera's settings say"
     if rectified is None:
-        seen_rows, seen_columns = np.nonzero(depth > 0)
-        seen = np.stack([seen_columns, seen_rows], axis=1)[:, None].astype(np.float64)
-        raw = np.asarray(cv2.undistortPoints(seen, matrix, coefficients)[:, 0], np.float64)
-        pinhole = np.stack([(seen_columns - camera.cx) / camera.fx, (seen_rows - camera.cy) / camera.fy], axis=1)
-        inverse = 1 / depth[seen_rows, seen_columns].astype(np.float64)
-        before, after = (measure_plane_share(points, inverse) for points in (pinhole, raw))
+        before, after = (measure_plane_share(*list_measured_rays(picture, camera)) for picture in (depth, straight))
         rectified = after <= before
         reason = f"its largest plane has {before:.1%} of the pixels as rectified, {after:.1%} as raw"
     if rectified:
         return rgb, depth, f"colour and depth were taken as rectified: {reason}"
-    size = (camera.width, camera.height)
-    across, down = cv2.initUndistortRectifyMap(matrix, coefficients, np.eye(3), matrix, size, cv2.CV_32FC1)
-    rgb = np.asarray(cv2.remap(rgb, across, down, cv2.INTER_LINEAR), dtype=np.uint8)
-    depth = np.asarray(cv2.remap(depth, across, down, cv2.INTER_NEAREST), dtype=np.float32)
-    return rgb, depth, f"colour and depth were rectified, by up to {moved:.0f} px: {reason}"
+    rgb = np.asarray(rectify_picture(rgb, at, interpolate=True), np.uint8)
+    return rgb, straight, f"colour and depth were rectified, by up to {moved:.0f} px: {reason}"
 
 
 def apply_exif_orientation(recording: SceneRecording, sizes: Sequence[tuple[int, int]]) -> SceneRecording:

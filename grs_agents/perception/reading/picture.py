@@ -25,6 +25,9 @@ DEPTH_SUFFIXES = (*SUFFIXES, ".pgm", ".pnm", ".exr", ".npy", ".npz")
 GREY = ("1", "L", "LA", "I;16", "I;16B", "I;16L")
 COLORED = ("RGB", "RGBA", "RGBX", "P", "PA", "CMYK", "YCbCr")
 _NETPBM = (".ppm", ".pnm", ".pgm")
+VOID = (224, 224, 192)
+"""Colour of number 255 in label pictures of PASCAL VOC: the border of objects, whose owner is not told."""
+MOST_LABEL_COLORS = 256
 _STRIP = 256
 """Rows per conversion."""
 _ORIENTATION, _EXIF, _FOCAL_35MM = 0x0112, 0x8769, 0xA405
@@ -112,14 +115,23 @@ def _read_exr(file: Path) -> "npt.NDArray[np.number[Any]]":
 
 
 def read_label_picture(file: Path) -> npt.NDArray[np.int32]:
-    """Read a label picture: (H, W) numbers; palette indices rather than colours."""
+    """Read a label picture: (H, W) numbers, palette indices, or a number for each colour; 0 where VOC says void."""
     with _open_decoded_picture(file) as image:
         numbers = np.array(image)
+        void = image.mode == "P" and (image.getpalette() or [])[255 * 3 :] == [*VOID]
     if numbers.ndim == 3 and (numbers[..., :1] == numbers[..., :3]).all():  # grey written as RGB
         numbers = numbers[..., 0]
+    if image.mode == "RGB" and numbers.ndim == 3:
+        red, green, blue = (numbers[..., channel].astype(np.int32) for channel in range(3))
+        numbers = (red << 16) + (green << 8) + blue
+        numbers[(red == VOID[0]) & (green == VOID[1]) & (blue == VOID[2])] = 0
+        count = len(np.unique(numbers))
+        if count > MOST_LABEL_COLORS:
+            remedy = "write labels as PNG, without smooth edges"
+            raise InputError(f"{file} has {count} colours, more than {MOST_LABEL_COLORS} labels", remedy)
     if numbers.ndim != 2 or numbers.dtype.kind not in "bui":
         raise InputError(f"{file} has pixels of kind {image.mode!r}", "write it as one channel of uint8 or uint16")
-    return numbers.astype(np.int32)
+    return np.where(numbers == 255, 0, numbers).astype(np.int32) if void else numbers.astype(np.int32)
 
 
 def rotate_by_exif(rgb: Image, orientation: int) -> Image:

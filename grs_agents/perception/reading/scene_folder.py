@@ -26,11 +26,11 @@ from grs_agents.perception.reading.camera import (
     choose_calibration,
     read_camera_file,
 )
-from grs_agents.perception.reading.capture import Capture, find_capture, is_camera_name, is_point_cloud_name
 from grs_agents.perception.reading.depth_encoding import DepthUnit, Units, decode_sensor_format, guess_depth_unit
 from grs_agents.perception.reading.frame_assembly import RecordedDepth, SceneRecording
 from grs_agents.perception.reading.picture import COLOR_SUFFIXES, DEPTH_SUFFIXES, read_color_picture, read_depth_picture
 from grs_agents.perception.reading.point_cloud import Cloud, depth_from_cloud, read_point_cloud
+from grs_agents.perception.reading.scene_files import SceneFiles, find_scene_files, is_camera_name, is_point_cloud_name
 from grs_agents.perception.reading.unread_formats import make_unread_format_error
 
 IN_METRES = DepthUnit(1.0)  # of points, and of depth estimated by a model
@@ -40,34 +40,34 @@ SCENE_SUFFIXES = (*COLOR_SUFFIXES, *DEPTH_SUFFIXES, *point_cloud.SUFFIXES, *cali
 """Suffixes of the files that `read_scene_folder` may open."""
 
 
-def read_scene_folder(folder: Path, choice: str | None = None, hint: CameraConfig | None = None) -> SceneRecording:
+def read_scene_folder(folder: Path, choice: str = "", hint: CameraConfig | None = None) -> SceneRecording:
     """Read a photo, its depth as a picture, an array or a point cloud, and the intrinsics of both.
 
     Args:
-        folder: see `find_capture`.
+        folder: see `find_scene_files`.
         choice: the picture, if the folder holds several.
         hint: the user's statements on the camera, which prevail over the folder's.
     """
     hint = hint or CameraConfig()
     names = list_folder_names(folder)
-    if "scene_camera.json" in names and choice is not None:  # a scene of a BOP data set
+    if "scene_camera.json" in names and choice:  # a scene of a BOP data set
         return replace(
             read_bop_image(Path(f"{PREFIX}{folder / choice}")), source=folder.with_name(f"{folder.name}:{choice}")
         )
-    capture = find_capture(folder, choice)
-    if capture is None:
+    files = find_scene_files(folder, choice)
+    if files is None:
         unread = next(filter(None, (make_unread_format_error(folder / name) for name in names)), None)
         raise unread or InputError(f"{folder / 'rgb.png'} does not exist", "put the photo there as rgb.png")
-    source = folder if choice is None else folder.with_name(f"{folder.name}:{choice}")
-    recording = SceneRecording(source, read_color_picture(folder / capture.photo))
-    if capture.depth is None:
-        return _add_camera(recording, folder, capture, hint)
-    return _add_depth(recording, folder, capture, capture.depth, hint)
+    source = folder if not choice else folder.with_name(f"{folder.name}:{choice}")
+    recording = SceneRecording(source, read_color_picture(folder / files.photo))
+    if files.depth is None:
+        return _add_camera(recording, folder, files, hint)
+    return _add_depth(recording, folder, files, files.depth, hint)
 
 
-def _add_camera(recording: SceneRecording, folder: Path, capture: Capture, hint: CameraConfig) -> SceneRecording:
+def _add_camera(recording: SceneRecording, folder: Path, files: SceneFiles, hint: CameraConfig) -> SceneRecording:
     """A recording without depth, with the camera of its photo if it is known."""
-    read = _find_camera(folder, capture, recording.picture_size, hint, IN_METRES)
+    read = _find_camera(folder, files, recording.picture_size, hint, IN_METRES)
     if read is None:
         return recording
     return replace(recording, camera=read.camera, notes=(*recording.notes, *read.notes))
@@ -76,18 +76,20 @@ def _add_camera(recording: SceneRecording, folder: Path, capture: Capture, hint:
 def add_camera_to_recording(recording: SceneRecording, camera_file: Path, hint: CameraConfig) -> SceneRecording:
     """A recording without depth, with the camera of its photo if the file exists or the user stated it."""
     cameras = ((PurePath(camera_file.name),),) if path_exists(camera_file) else ()
-    return _add_camera(recording, camera_file.parent, Capture(PurePath(recording.source.name), None, cameras, ""), hint)
+    return _add_camera(
+        recording, camera_file.parent, SceneFiles(PurePath(recording.source.name), None, cameras, ""), hint
+    )
 
 
 def _add_depth(
-    recording: SceneRecording, folder: Path, capture: Capture, depth_path: PurePath, hint: CameraConfig
+    recording: SceneRecording, folder: Path, files: SceneFiles, depth_path: PurePath, hint: CameraConfig
 ) -> SceneRecording:
     """The recording with its depth and the camera of both."""
     file = folder / depth_path
     depth = _read_depth_or_cloud(file)
     size, notes = recording.picture_size, list(recording.notes)
     if isinstance(depth, Cloud):
-        read = _find_camera(folder, capture, size, hint, IN_METRES) or _missing_camera(folder, capture)
+        read = _find_camera(folder, files, size, hint, IN_METRES) or _missing_camera(folder, files)
         units, cloud_note = depth_from_cloud(depth, read.camera)
         notes += [*read.notes, cloud_note]
         unit_note = "points in metres"
@@ -96,15 +98,15 @@ def _add_depth(
         if stated is None:
             units, stated, encoding = decode_sensor_format(depth)
         unit = guess_depth_unit(units) if stated is None else DepthUnit(stated)
-        read = _find_camera(folder, capture, size, hint, unit, units) or _missing_camera(folder, capture)
+        read = _find_camera(folder, files, size, hint, unit, units) or _missing_camera(folder, files)
         if stated is not None:  # by the user or the sensor format, before any file
             read = replace(read, camera=read.camera.model_copy(update={"depth_scale": stated}))
         notes += read.notes
         scale = read.camera.depth_scale
         unit_note = encoding or ("metres" if scale == 1 else f"{scale:g} m a unit")
-    if not capture.has_standard_names or (read.taken and capture.cameras != ((PurePath("camera.json"),),)):
+    if not files.has_standard_names or (read.taken and files.cameras != ((PurePath("camera.json"),),)):
         taken = read.taken or "camera.json"
-        notes.insert(0, f"photo {capture.photo}, depth {depth_path} ({unit_note}), camera {taken}")
+        notes.insert(0, f"photo {files.photo}, depth {depth_path} ({unit_note}), camera {taken}")
     measured = RecordedDepth(units, read.camera.depth_scale, str(file))
     return replace(
         recording,
@@ -116,9 +118,9 @@ def _add_depth(
     )
 
 
-def _missing_camera(folder: Path, capture: Capture) -> NoReturn:
+def _missing_camera(folder: Path, files: SceneFiles) -> NoReturn:
     """Raise the error for a picture with depth and without intrinsics."""
-    looked = ", ".join(str(path) for group in capture.cameras for path in group[:4])
+    looked = ", ".join(str(path) for group in files.cameras for path in group[:4])
     searched = f" ({looked[:200]}: no intrinsics)" if looked else ""
     raise InputError(
         f"{folder / 'camera.json'} does not exist, and no other file states the camera's intrinsics{searched}",
@@ -152,7 +154,7 @@ def _read_depth_or_cloud(file: Path) -> Cloud | Units:
 
 def _find_camera(
     folder: Path,
-    capture: Capture,
+    files: SceneFiles,
     size: tuple[int, int],
     hint: CameraConfig,
     unit: DepthUnit,
@@ -165,7 +167,7 @@ def _find_camera(
     """
     if hint.intrinsics is not None:
         return camera_from_calibration(calibration_from_option(hint.intrinsics, size), size, unit, units)
-    for group in capture.cameras:
+    for group in files.cameras:
         distinct: list[Calibration] = []
         damaged: InputError | None = None
         holder = group[0]

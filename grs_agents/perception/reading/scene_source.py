@@ -1,5 +1,6 @@
 """Scene sources: dispatch to the reader of each format by name."""
 
+import re
 from pathlib import Path
 
 from grs_agents.base import content
@@ -8,7 +9,7 @@ from grs_agents.base.errors import InputError, suggest_name
 from grs_agents.base.foreign.files import is_folder, path_exists
 from grs_agents.perception.reading import point_cloud
 from grs_agents.perception.reading.bop import PREFIX, is_bop_source, parse_bop_source, read_bop_image
-from grs_agents.perception.reading.capture import split_choice
+from grs_agents.perception.reading.captures import find_capture, split_choice
 from grs_agents.perception.reading.frame_assembly import SceneRecording, assemble_frame
 from grs_agents.perception.reading.npz_archive import read_npz_archive
 from grs_agents.perception.reading.photo_without_depth import Estimator, assemble_frame_from_photo
@@ -19,7 +20,7 @@ from grs_agents.perception.types import RGBDFrame
 
 REMEDY = (
     "name a folder with a photo, its depth and its camera (FOLDER:NAME if it holds several), "
-    "bop:ROOT/SPLIT/SCENE/IMAGE, an .npz, or a photo with a depth tool"
+    "bop:ROOT/SPLIT/SCENE/IMAGE, an .npz, a recording, or a photo with a depth tool"
 )
 
 
@@ -31,7 +32,7 @@ def check_scene_source(source: Path) -> None:
         raise InputError(f"the scene's name {str(source)!a} is not UTF-8", "rename it") from error
     if is_bop_source(source):
         parse_bop_source(source)
-    elif not is_folder(split_choice(source)[0]):
+    elif find_capture(source) is None and not is_folder(split_choice(source)[0]):
         if not path_exists(source):
             samples = content.sample_scenes()
             remedy = f"{suggest_name(str(source), samples)}{REMEDY}; samples: {', '.join(samples)}"
@@ -44,16 +45,18 @@ def check_scene_source(source: Path) -> None:
 
 def resolve_scene_path(source: Path) -> Path:
     """The scene that a user names: an existing path, else the sample scene of that name."""
-    known = is_bop_source(source) or path_exists(split_choice(source)[0])
-    return source if known else content.sample_scenes().get(str(source), source)
+    named = is_bop_source(source) or path_exists(split_choice(source)[0])
+    return source if named else content.sample_scenes().get(str(source), source)
 
 
 def short_scene_name(source: Path) -> str:
     """A short name for the scene."""
     if is_bop_source(source):
         return "-".join(Path(str(source).removeprefix(PREFIX)).parts[-4:])
-    is_file = not is_folder(split_choice(source)[0])
-    return source.resolve().stem if is_file else source.resolve().name
+    path, choice = split_choice(source)
+    path = path.resolve()
+    name = path.name if is_folder(path) else path.stem
+    return "-".join(part for part in (name, *re.findall(r"[\w.]+", choice)) if part)
 
 
 def read_scene(
@@ -91,6 +94,8 @@ def read_recording(source: Path, camera: CameraConfig | None = None) -> SceneRec
     check_scene_source(source)
     if is_bop_source(source):
         return read_bop_image(source)
+    if (capture := find_capture(source)) is not None:
+        return capture.read()
     folder, choice = split_choice(source)
     if is_folder(folder):
         return read_scene_folder(folder, choice, camera)

@@ -10,15 +10,7 @@ _ASSET = "import it as an asset with grs assets import; a scene is a photo with 
 _DEVELOP = "develop it as .png or .jpg"
 _UNPACK = "unpack it and name the folder"
 _ARRAYS = "write one frame of it as .npz with the arrays rgb, depth and K"
-_RECORD3D = (
-    "export it from the app as pictures with depth, or unpack it as a zip, and write one frame into a folder: "
-    "rgb.jpg, depth.npy in metres, camera.json"
-)
 KINDS: dict[str, tuple[str, str]] = {
-    ".bag": ("a ROS 1 bag or a RealSense recording", _FRAME),
-    ".mcap": ("a ROS 2 recording (MCAP)", _FRAME),
-    ".db3": ("a ROS 2 recording (SQLite)", _FRAME),
-    ".r3d": ("a Record3D capture", _RECORD3D),
     ".svo": ("a ZED recording", _FRAME),
     ".svo2": ("a ZED recording", _FRAME),
     ".oni": ("an OpenNI recording", _FRAME),

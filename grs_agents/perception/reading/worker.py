@@ -18,8 +18,9 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
 
     def read_scene_masks() -> dict[str, Any]:
         rows, columns = request["shape"]
-        send_blob("labels", np.ascontiguousarray(read_masks(source, (rows, columns)), np.int32).data)
-        return {}
+        masks = read_masks(source, (rows, columns))
+        send_blob("labels", np.ascontiguousarray(masks.labels, np.int32).data)
+        return {"names": list(masks.names)}
 
     def read_frame_or_photo() -> dict[str, Any]:
         """The frame; or the photo if it has no depth, which the host's depth tool estimates."""

@@ -45,7 +45,7 @@ def test_grey_images_serve(bop: Path, truth: Truth) -> None:
 
 
 def test_visible_masks_are_its_objects(bop: Path, truth: Truth) -> None:
-    labels = read_masks(bop, (36, 48))
+    labels = read_masks(bop, (36, 48)).labels
     assert (labels == 1).sum() == (truth.labels == 3).sum()
     assert (labels == 2).sum() == (truth.labels == 7).sum()
 

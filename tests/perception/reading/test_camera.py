@@ -72,9 +72,12 @@ def test_a_lens_without_distortion_needs_no_note(folder: Path, key: str) -> None
             read_with(folder, **{key: wrong})
 
 
-def test_a_fisheye_lens_is_refused(folder: Path) -> None:
-    with pytest.raises(InputError, match="fisheye") as caught:
-        read_with(folder, distortion_model="equidistant", D=[0.1, 0, 0, 0])
+def test_a_fisheye_lens_is_rectified_and_an_unknown_lens_refused(folder: Path) -> None:
+    assert any(
+        "rectified" in note for note in read_with(folder, distortion_model="equidistant", D=[1.5, 0, 0, 0]).notes
+    )
+    with pytest.raises(InputError, match="distortion model 'mirror ball'") as caught:
+        read_with(folder, distortion_model="mirror_ball", D=[0.1, 0, 0, 0])
     assert "rectify" in caught.value.remedy
 
 

@@ -41,21 +41,21 @@ GIVEN = {
 
 @pytest.mark.parametrize("form", GIVEN)
 def test_every_form_tells_the_same(tmp_path: Path, truth: Truth, form: str) -> None:
-    labels = read_masks(GIVEN[form](tmp_path, truth), SHAPE)
+    labels = read_masks(GIVEN[form](tmp_path, truth), SHAPE).labels
     assert set(np.unique(labels)) == {0, 1, 2}
     assert ((labels > 0) == (truth.labels > 0)).all()
     assert len({int(number) for number in labels[truth.labels == 3]}) == 1
 
 
 def test_masks_come_to_the_size_of_the_frame(tmp_path: Path, truth: Truth) -> None:
-    labels = read_masks(write(tmp_path, masks__png=png(truth.labels)), (72, 96))
+    labels = read_masks(write(tmp_path, masks__png=png(truth.labels)), (72, 96)).labels
     assert ((labels > 0) == np.repeat(np.repeat(truth.labels > 0, 2, 0), 2, 1)).all()
 
 
 def test_the_smaller_of_two_masks_is_on_top(tmp_path: Path, truth: Truth) -> None:
     small, large = np.zeros((2, *SHAPE), bool)
     small[10:15, 10:15], large[5:30, 5:30] = True, True
-    labels = read_masks(write_npz(tmp_path / "a.npz", truth, masks=np.stack([small, large])), SHAPE)
+    labels = read_masks(write_npz(tmp_path / "a.npz", truth, masks=np.stack([small, large])), SHAPE).labels
     assert len(np.unique(labels[small])) == 1 and labels[12, 12] != labels[20, 20]
 
 

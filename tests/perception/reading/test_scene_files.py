@@ -353,7 +353,7 @@ def test_a_picture_of_several_is_chosen_by_name_or_number(tmp_path: Path, truth:
     source = folder.with_name(f"kitchen:{choice}")
     check_scene_source(source)
     assert (read_scene(source).rgb == truth.rgb).all()
-    assert short_scene_name(source) == f"kitchen:{choice}"
+    assert short_scene_name(source) == f"kitchen-{choice}"
 
 
 def test_several_pictures_are_asked_about_by_name(tmp_path: Path, truth: Truth) -> None:

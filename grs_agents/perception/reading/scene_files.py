@@ -50,7 +50,7 @@ MOST_FILES = 20_000
 
 
 @dataclass(frozen=True)
-class Capture:
+class SceneFiles:
     """Files of one RGB-D picture, by paths relative to the folder."""
 
     photo: PurePath
@@ -73,7 +73,7 @@ class _Named:
     key: str
 
 
-def find_capture(folder: Path, choice: str | None = None) -> Capture | None:
+def find_scene_files(folder: Path, choice: str = "") -> SceneFiles | None:
     """The photo in a folder, or in usual subfolders, with its depth and the files of its camera.
 
     Args:
@@ -99,9 +99,9 @@ def find_capture(folder: Path, choice: str | None = None) -> Capture | None:
             depths = [_Named(path, _key(path)) for path in rest if _holds_depth(folder / path)]
     if not photos:
         return None
-    if choice is not None and any(choice in (path.name, str(path)) for path in (depth.path for depth in depths)):
+    if choice and any(choice in (path.name, str(path)) for path in (depth.path for depth in depths)):
         depths = [depth for depth in depths if choice in (depth.path.name, str(depth.path))]
-        choice = None
+        choice = ""
     pairs = _pair(photos, depths)
     if not pairs:
         if len(photos) == 1 and len(depths) > 1:
@@ -113,7 +113,9 @@ def find_capture(folder: Path, choice: str | None = None) -> Capture | None:
             raise _ambiguous(folder, [str(cloud) for cloud in clouds], "the depth")
         depth = _Named(clouds[0], "")
     keys = {each.key for each, _ in pairs}
-    return Capture(photo.path, None if depth is None else depth.path, _list_cameras(paths, photo.key, keys), photo.key)
+    return SceneFiles(
+        photo.path, None if depth is None else depth.path, _list_cameras(paths, photo.key, keys), photo.key
+    )
 
 
 def is_point_cloud_name(name: str) -> bool:
@@ -184,10 +186,8 @@ def _pair(photos: Sequence[_Named], depths: Sequence[_Named]) -> list[tuple[_Nam
     return pairs
 
 
-def _choose(
-    folder: Path, pairs: Sequence[tuple[_Named, _Named | None]], choice: str | None
-) -> tuple[_Named, _Named | None]:
-    if choice is not None:
+def _choose(folder: Path, pairs: Sequence[tuple[_Named, _Named | None]], choice: str) -> tuple[_Named, _Named | None]:
+    if choice:
         plain = choice.lstrip("0") or "0" if choice.isdigit() else choice.lower()
         chosen = [pair for pair in pairs if choice in (pair[0].path.name, str(pair[0].path)) or plain == pair[0].key]
         if not chosen and choice.isdigit() and int(choice) < len(pairs):
@@ -258,12 +258,3 @@ def _list_cameras(paths: Iterable[PurePath], key: str, keys: set[str]) -> tuple[
         rank = 0 if named and words & {*COLORS[0]} else 1 if named and not words & set(DEPTHS[0]) else 2 if named else 3
         ranked.setdefault(rank - (mine == key and bool(key)), []).append(path)
     return tuple(tuple(sorted(ranked[rank])) for rank in sorted(ranked))
-
-
-def split_choice(source: Path) -> tuple[Path, str | None]:
-    """A path and the picture chosen in it: ``FOLDER:KEY``; without a choice the path and ``None``."""
-    name, colon, choice = source.name.rpartition(":")
-    if not colon or not name or not choice or source.exists():
-        return source, None
-    path = source.with_name(name)
-    return (path, choice) if path.exists() else (source, None)
