@@ -14,13 +14,14 @@ PIP_OPTIONS ?=
 PIP_INSTALL := $(BIN)/python -m pip install $(QUIET) --disable-pip-version-check $(PIP_OPTIONS)
 
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test coverage check format smoke docs lock clean
+.PHONY: help setup demo test test-all coverage check format smoke docs lock clean
 
 help:
 	@echo "make setup   create $(VENV) and install the locked dependencies and this package into it"
 	@echo "make demo    setup, then the main job on the sample scene (SCENE=... for another)"
-	@echo "make test    setup, then the tests (PYTEST_OPTIONS=... for others)"
-	@echo "make coverage  the same with coverage, which takes twice as long"
+	@echo "make test    setup, then the tests but the slow ones (PYTEST_OPTIONS=... for others)"
+	@echo "make test-all  the slow tests too"
+	@echo "make coverage  all tests with coverage, which takes twice as long"
 	@echo "make check   setup, then ruff and pyright"
 	@echo "make format  setup, then let ruff mend what it can"
 	@echo "make smoke   setup, then build the sdist, from it the wheel, and run that from an empty folder"
@@ -61,9 +62,12 @@ demo: setup
 	$(BIN)/grs run $(SCENE)
 
 # The matrices are small and the cores are taken: threads of its own would have linear algebra wait for itself.
-test coverage smoke: export OPENBLAS_NUM_THREADS := 1
+test test-all coverage smoke: export OPENBLAS_NUM_THREADS := 1
 
 test: setup
+	$(BIN)/python -m pytest $(PYTEST_OPTIONS) -m "not slow"
+
+test-all: setup
 	$(BIN)/python -m pytest $(PYTEST_OPTIONS)
 
 coverage: setup

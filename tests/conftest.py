@@ -17,8 +17,12 @@ from evals.synthesis import Recipe, synthesise
 from grs_agents.base import content
 from grs_agents.library.library import Library
 from tests.cli.command import grs
+from tests.slow import SLOW
 
 pytest_plugins = ("tests.needs",)
+
+INSTRUMENTS = ("evals", "examples", "scripts", "test_notebook.py", "test_packaging.py")
+"""Tests of experiments, scripts, the notebook and the packages: slow as a whole."""
 
 settings.register_profile("grs", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("grs")  # how fast an example is drawn tells of the machine's load, not of the code
@@ -29,6 +33,14 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--hostile-programs", type=int, default=25, help="programs that attack the host's readers, six messages each"
     )
     parser.addoption("--kills", type=int, default=1, help="moments of a run at which it is killed")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    here = Path(__file__).parent
+    for item in items:
+        if item.path.relative_to(here).parts[0] in INSTRUMENTS:
+            item.add_marker(SLOW)
 
 
 def pytest_collection_finish() -> None:
@@ -103,11 +115,28 @@ def known_scene(shared_folder: Path, small_scene: Path) -> Path:
     return made_once(folder, comprehend)
 
 
+@pytest.fixture(scope="session")
+def accepted_run(shared_folder: Path, known_scene: Path) -> Path:
+    """An accepted run of that scene with one seed, made once: to be read as it is, or copied and changed."""
+    folder = shared_folder / "accepted" / "run"
+
+    def run() -> None:
+        done = grs("run", str(known_scene), "--out", "run", "--set", "audit.seeds=1", "--json", folder=folder.parent)
+        assert done.returncode == 0, done.stderr
+
+    return made_once(folder, run)
+
+
+def shorten_films(patch: pytest.MonkeyPatch) -> None:
+    """Give the film in a report few pictures, drawn without a graphics library."""
+    patch.setattr("grs_agents.views.film.rollout_film._BACKENDS", ("rays",))
+    patch.setattr("grs_agents.views.report.pictures.FILM_RATE", 0.2)
+
+
 @pytest.fixture
 def brief_films(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The film in a report has few pictures, drawn without a graphics library: for what is not about films."""
-    monkeypatch.setattr("grs_agents.views.film.rollout_film._BACKENDS", ("rays",))
-    monkeypatch.setattr("grs_agents.views.report.pictures.FILM_RATE", 0.2)
+    """Short films, for tests that are not about films."""
+    shorten_films(monkeypatch)
 
 
 @pytest.fixture

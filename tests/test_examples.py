@@ -2,6 +2,7 @@
 
 import ast
 import random
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -24,12 +25,21 @@ from grs_agents.sim import (
     rollout,
     run_oracle,
 )
+from tests.slow import slow_where
 
 FOLDER = content_root() / "prompts" / "examples"
 EXAMPLES = read_examples(FOLDER)
 EVERY = pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.name)
 IMPORTED = {"grs_agents.sim", "math", "numpy"}
+FAMILIES = {example.family: example for example in reversed(EXAMPLES)}
+ONE_OF_A_FAMILY = pytest.mark.parametrize(
+    "example",
+    slow_where(lambda example: example is not FAMILIES[example.family], EXAMPLES),
+    ids=[example.name for example in EXAMPLES],
+)
+"""Every example; those after the first of its family are slow."""
 SEED = 1
+Instances = Callable[[Example], TaskInstance]
 FASTEST = 1.3
 """Metres a second: what is held moves with the tool, which is to carry at 0.8."""
 
@@ -49,6 +59,19 @@ def instance_of(example: Example, seed: int, library: Library) -> TaskInstance:
     random.seed(seed)
     np.random.seed(seed)
     return instantiate(find_task_class(load(example))(), seed, library)
+
+
+@pytest.fixture(scope="module")
+def instances(library: Library) -> Instances:
+    """The instance of an example for ``SEED``, made when it is first asked for."""
+    made: dict[str, TaskInstance] = {}
+
+    def instance(example: Example) -> TaskInstance:
+        if example.name not in made:
+            made[example.name] = instance_of(example, SEED, library)
+        return made[example.name]
+
+    return instance
 
 
 def test_there_are_enough_programs_of_enough_families() -> None:
@@ -73,10 +96,12 @@ def test_it_is_one_short_documented_task_that_keeps_to_the_prompts_rules(example
     assert task.task_completed_desc != Task().task_completed_desc
 
 
-@EVERY
-def test_the_audit_accepts_it(example: Example, library: Library, monkeypatch: pytest.MonkeyPatch) -> None:
+@ONE_OF_A_FAMILY
+def test_the_audit_accepts_it(
+    example: Example, library: Library, instances: Instances, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("grs_agents.sim.rollouts.HAND_NOISE", HAND_NOISE[:1])  # the audit judges by no other
-    instance = instance_of(example, SEED, library)
+    instance = instances(example)
     copied = TaskInstance.model_validate_json(instance.model_dump_json())
     done = rollout(copied, library, trials=3)
     if any(trial.score < AuditConfig().reward for trial in done.trials):  # then more decide, as in a run
@@ -87,9 +112,11 @@ def test_the_audit_accepts_it(example: Example, library: Library, monkeypatch: p
     assert done.warnings + instance.warnings == ()
 
 
-@EVERY
-def test_nothing_moves_further_between_two_looks_than_its_speed_allows(example: Example, library: Library) -> None:
-    instance = instance_of(example, SEED, library)
+@ONE_OF_A_FAMILY
+def test_nothing_moves_further_between_two_looks_than_its_speed_allows(
+    example: Example, library: Library, instances: Instances
+) -> None:
+    instance = instances(example)
     task = InstanceTask(instance)
     env = Environment(task=task, library=library, seed=SEED)
     env.timestep = instance.timestep
@@ -117,8 +144,8 @@ def test_nothing_moves_further_between_two_looks_than_its_speed_allows(example: 
 
 
 @EVERY
-def test_its_goals_are_in_words_and_it_leaves_steps_to_spare(example: Example, library: Library) -> None:
-    instance = instance_of(example, SEED, library)
+def test_its_goals_are_in_words_and_it_leaves_steps_to_spare(example: Example, instances: Instances) -> None:
+    instance = instances(example)
     assert all(goal.language and "{" not in goal.language for goal in instance.goals)
     wanted = {number for goal in instance.goals for number in goal.objects}
     one_by_one = instance.primitive == "pick_place" and not instance.ties
@@ -126,9 +153,10 @@ def test_its_goals_are_in_words_and_it_leaves_steps_to_spare(example: Example, l
 
 
 @EVERY
-def test_a_seed_gives_one_instance_whatever_was_drawn_elsewhere(example: Example, library: Library) -> None:
-    first = instance_of(example, SEED, library)
-    assert instance_of(example, SEED, library) == first
+def test_a_seed_gives_one_instance_whatever_was_drawn_elsewhere(
+    example: Example, library: Library, instances: Instances
+) -> None:
+    assert instance_of(example, SEED, library) == instances(example)
 
 
 def test_most_programs_differ_from_seed_to_seed(library: Library) -> None:

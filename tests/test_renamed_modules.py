@@ -6,6 +6,8 @@ from importlib import import_module
 
 import pytest
 
+from tests.slow import SLOW
+
 EARLIER = {
     "config": ("base.config", "Limits"),
     "content": ("base.content", "add_overlay_folder"),
@@ -22,12 +24,15 @@ EARLIER = {
 }
 
 
-@pytest.mark.parametrize("earlier", EARLIER)
-def test_an_earlier_name_gives_the_module_of_today(earlier: str) -> None:
-    now, name = EARLIER[earlier]
-    first = f"import grs_agents.{earlier} as earlier; from grs_agents.{earlier} import {name}"
-    probe = f"{first}; import grs_agents.{now} as now; assert earlier is now and now.{name} is {name}"
-    subprocess.run([sys.executable, "-c", probe], check=True)
+@pytest.mark.parametrize("names", [tuple(EARLIER), *(pytest.param((name,), marks=SLOW) for name in EARLIER)])
+def test_an_earlier_name_gives_the_module_of_today(names: tuple[str, ...]) -> None:
+    """All after each other in one process, and each as the first that a process imports."""
+    probes: list[str] = []
+    for earlier in names:
+        now, name = EARLIER[earlier]
+        probes.append(f"import grs_agents.{earlier} as earlier; from grs_agents.{earlier} import {name}")
+        probes.append(f"import grs_agents.{now} as now; assert earlier is now and now.{name} is {name}")
+    subprocess.run([sys.executable, "-c", "\n".join(probes)], check=True)
 
 
 def test_a_name_that_never_was_is_not_found() -> None:

@@ -1,6 +1,7 @@
 """Public cases of a user's own parts: graphs, programs, folders with blanks, and data sets that name an environment."""
 
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -13,28 +14,28 @@ from tests.cli.command import Done, grs
 from tests.needs import needs
 
 
-def run_graph(case: str, name: str, tmp_path: Path) -> Done:
-    """``grs run`` of the sample scene with a graph of a case's content folder."""
+def run_graph(case: str, name: str, photo: Path, tmp_path: Path) -> Done:
+    """``grs run`` of a photo with a graph of a case's content folder."""
     content = copy_case(case, tmp_path)
-    arguments = ("--content", str(content), "run", "groceries", "--set", f"graph={name}", "--out", "run", "-q")
+    arguments = ("--content", str(content), "run", str(photo), "--set", f"graph={name}", "--out", "run", "-q")
     return grs(*arguments, folder=tmp_path)
 
 
-def test_a_coroutine_function_is_a_node(tmp_path: Path) -> None:
-    done = run_graph("graph_async_node", "asyncnode", tmp_path)
+def test_a_coroutine_function_is_a_node(small_scene: Path, tmp_path: Path) -> None:
+    done = run_graph("graph_async_node", "asyncnode", small_scene, tmp_path)
     assert done.returncode == 0, done.stderr
     assert read_record(tmp_path / "run").status == "accepted"
 
 
-def test_a_graph_that_cannot_be_built_is_refused_in_one_line(tmp_path: Path) -> None:
-    done = run_graph("graph_broken_build", "broken", tmp_path)
+def test_a_graph_that_cannot_be_built_is_refused_in_one_line(small_scene: Path, tmp_path: Path) -> None:
+    done = run_graph("graph_broken_build", "broken", small_scene, tmp_path)
     assert done.returncode == 2
     assert len(done.stderr.splitlines()) == 1 and "graphs/broken.py:15: ValueError: Need to add_node" in done.stderr
     assert not (tmp_path / "run").exists()
 
 
-def test_an_endless_graph_ends_in_one_line_that_names_the_setting(tmp_path: Path) -> None:
-    done = run_graph("graph_endless", "endless", tmp_path)
+def test_an_endless_graph_ends_in_one_line_that_names_the_setting(small_scene: Path, tmp_path: Path) -> None:
+    done = run_graph("graph_endless", "endless", small_scene, tmp_path)
     assert done.returncode == 2
     [line] = done.stderr.splitlines()
     assert "graphs/endless.py) did not end within 65 steps" in line and "--set recursion_limit=N" in line
@@ -55,12 +56,9 @@ def test_transforms3d_is_answered(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def accepted(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An accepted run of the sample scene, in a folder whose name a shell would split."""
-    folder = tmp_path_factory.mktemp("accepted")
-    done = grs("run", "groceries", "--out", "a run", "-q", folder=folder)
-    assert done.returncode == 0, done.stderr
-    return folder / "a run"
+def accepted(tmp_path_factory: pytest.TempPathFactory, accepted_run: Path) -> Path:
+    """An accepted run, in a folder whose name a shell would split."""
+    return Path(shutil.copytree(accepted_run, tmp_path_factory.mktemp("accepted") / "a run"))
 
 
 def test_a_printed_command_can_be_pasted_into_a_shell(accepted: Path, tmp_path: Path) -> None:

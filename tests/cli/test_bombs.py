@@ -19,6 +19,7 @@ from tests import bombs
 from tests.cli.command import grs
 from tests.cli.test_foreign_folder import made, run
 from tests.gantry import GANTRY
+from tests.slow import slow_where
 
 __all__ = ["made", "run"]  # fixtures
 
@@ -56,7 +57,7 @@ ARCHIVES: dict[str, tuple[Callable[[Path], object], str]] = {
 }
 
 
-@pytest.mark.parametrize("kind", ARCHIVES)
+@pytest.mark.parametrize("kind", slow_where({"lzma", "header"}.__contains__, ARCHIVES))
 def test_an_array_unpacks_to_no_more_than_it_may(tmp_path: Path, kind: str) -> None:
     write, words = ARCHIVES[kind]
     write(tmp_path / "scene.npz")
@@ -77,7 +78,7 @@ PICTURES: dict[str, tuple[str, Callable[[Path], object], str]] = {
 }
 
 
-@pytest.mark.parametrize("kind", PICTURES)
+@pytest.mark.parametrize("kind", slow_where({"strip"}.__contains__, PICTURES))
 def test_a_photo_is_decoded_in_a_worker(sample_scene: Path, tmp_path: Path, kind: str) -> None:
     name, write, words = PICTURES[kind]
     scene_with(sample_scene, tmp_path, name, write)
@@ -206,7 +207,7 @@ def write_textured(file: Path, side: int) -> None:
     file.write_text(f"mtllib a.mtl\n{corners}{faces}")
 
 
-@pytest.mark.parametrize("kind", IMPORTED)
+@pytest.mark.parametrize("kind", slow_where({"names", "passed over", "deflate"}.__contains__, IMPORTED))
 def test_an_import_unpacks_to_no_more_than_it_may(tmp_path: Path, kind: str) -> None:
     name, write, words = IMPORTED[kind]
     (tmp_path / "source").mkdir()

@@ -14,6 +14,7 @@ from grs_agents.base.trace.events import Prompt, Reply
 from grs_agents.base.trace.log import read_events
 from tests.cli.command import grs
 from tests.cli.conftest import ScriptedServer, serve_script
+from tests.slow import slow_where
 
 BROKEN = "```python\nimport unittest\n\nclass T(unittest.TestCase):\n    def test_a(self):\n        nowhere()\n```"
 KEY = "sk-0123456789-of-mine"
@@ -185,7 +186,7 @@ def test_a_cassette_with_impossible_counts_is_refused(tmp_path: Path, field: dic
     assert "tape.json is not a cassette: exchanges" in done.stderr
 
 
-@pytest.mark.parametrize("name", content.shipped_cassettes())
+@pytest.mark.parametrize("name", slow_where(lambda name: name != "groceries-tidy", content.shipped_cassettes()))
 def test_a_shipped_recording_repeats(tmp_path: Path, name: str) -> None:
     done = grs("run", "--cassette", name, "--out", "run", "--json", folder=tmp_path)
     record = json.loads(done.stdout)

@@ -16,6 +16,7 @@ import pytest
 from grs_agents.base.trace.events import Decision, Prompt, Reply
 from grs_agents.base.trace.log import read_events
 from tests.cli.command import grs
+from tests.slow import SLOW
 
 KEY = "sk-0123456789-of-mine"
 LOSSY = """
@@ -118,6 +119,7 @@ def test_a_run_that_is_asked_to_end_does_not_wait_for_replies(
     assert [reply.answered for reply in replies] == [False] * 3
 
 
+@SLOW
 def test_whenever_a_run_is_killed_it_ends_alike_and_repeats_no_reply(
     tmp_path: Path, small_scene: Path, scripted_server: Any, pytestconfig: pytest.Config
 ) -> None:
@@ -159,7 +161,7 @@ def test_whenever_a_run_is_killed_it_ends_alike_and_repeats_no_reply(
         assert not requests - asked and (asked - requests).total() <= under_way <= 8
 
 
-@pytest.mark.parametrize("name", ["SIGTERM", "SIGINT"])
+@pytest.mark.parametrize("name", [pytest.param("SIGTERM", marks=SLOW), "SIGINT"])
 def test_a_signal_before_the_first_node_is_not_lost(tmp_path: Path, known_scene: Path, name: str) -> None:
     graphs = tmp_path / "content" / "graphs"
     graphs.mkdir(parents=True)
@@ -256,6 +258,7 @@ def test_every_prompt_has_one_reply_with_what_it_cost(tmp_path: Path, small_scen
     assert (last.role, last.answered) == ("task", False) and "the account is closed" in last.error
 
 
+@SLOW
 def test_rules_turn_to_the_other_program_when_a_fix_changed_nothing(
     tmp_path: Path, known_scene: Path, scripted_server: Any
 ) -> None:

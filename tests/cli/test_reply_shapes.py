@@ -15,6 +15,7 @@ from tests.chat_server import Answer, Json, chat_server, completion
 from tests.cli.command import grs
 from tests.cli.conftest import ScriptedServer
 from tests.needs import needs
+from tests.slow import SLOW
 
 pytestmark = needs("langchain_openai")
 DRAFT = '```json\n{"id": 1, "is_object": false, "description": "a draft", "color": "red", "shape": "bag"}\n```'
@@ -70,7 +71,8 @@ def run(scene: Path, folder: Path, url: str) -> tuple[int, dict[str, Any]]:
     return done.returncode, json.loads(done.stdout)
 
 
-@pytest.mark.parametrize("first", [0, 4])  # of 7 calls: with both, words and programs have each shape that matters
+# Of 7 calls: with both, words and programs have each shape that matters.
+@pytest.mark.parametrize("first", [0, pytest.param(4, marks=SLOW)])
 def test_replies_of_all_shapes_are_accepted(small_scene: Path, tmp_path: Path, first: int) -> None:
     server = ShapedServer(first=first)
     with chat_server(server.answer) as url:

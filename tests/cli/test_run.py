@@ -17,6 +17,7 @@ import pytest
 from grs_agents.base.trace.events import Reply
 from grs_agents.base.trace.log import read_events
 from tests.cli.command import grs
+from tests.slow import SLOW, slow_where
 
 FILES = (
     "run.json",
@@ -234,7 +235,7 @@ def test_fixes_run_out(tmp_path: Path, known_scene: Path, scripted_server: Any) 
     assert record["counts"]["code_fixes"] + record["counts"]["test_fixes"] == 2
 
 
-@pytest.mark.parametrize("graph", ["no_router", "no_fix", "llm_only"])
+@pytest.mark.parametrize("graph", slow_where({"no_fix", "llm_only"}.__contains__, ("no_router", "no_fix", "llm_only")))
 def test_the_ablations_come_to_a_verdict(tmp_path: Path, known_scene: Path, graph: str) -> None:
     done = grs("run", str(known_scene), "--out", "run", "--json", "--set", f"graph={graph}", folder=tmp_path)
     record = json.loads(done.stdout)
@@ -246,6 +247,7 @@ def test_the_ablations_come_to_a_verdict(tmp_path: Path, known_scene: Path, grap
     assert ("simulation" in shown) == (graph != "llm_only")
 
 
+@SLOW
 def test_a_real_scene_comes_to_a_verdict(tmp_path: Path, real_scenes: Path) -> None:
     done = grs("run", str(real_scenes / "osd_test45"), "--out", "run", "--json", folder=tmp_path)
     assert done.returncode in (0, 1), done.stderr

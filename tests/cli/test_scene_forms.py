@@ -20,14 +20,14 @@ CAN = Thing("cylinder", (0.45, 0.0), (0.12, 0.12, 0.13), bottom=0.5)
 
 
 @pytest.fixture(scope="module")
-def photo(sample_scene: Path) -> dict[str, Any]:
-    """The sample scene as arrays."""
-    camera = json.loads((sample_scene / "camera.json").read_text())
+def photo(small_scene: Path) -> dict[str, Any]:
+    """The small scene as arrays."""
+    camera = json.loads((small_scene / "camera.json").read_text())
     return {
-        "rgb": read_picture(sample_scene / "rgb.png")[..., ::-1],
-        "depth": read_picture(sample_scene / "depth.png") * camera["depth_scale"],
+        "rgb": read_picture(small_scene / "rgb.png")[..., ::-1],
+        "depth": read_picture(small_scene / "depth.png") * camera["depth_scale"],
         "K": np.array([[camera["fx"], 0, camera["cx"]], [0, camera["fy"], camera["cy"]], [0, 0, 1]]),
-        "masks": cv2.imread(str(sample_scene / "labels.png"), cv2.IMREAD_UNCHANGED),
+        "masks": cv2.imread(str(small_scene / "labels.png"), cv2.IMREAD_UNCHANGED),
         "T_robot_cam": np.array(camera["T_robot_cam"]),
     }
 

@@ -11,16 +11,18 @@ import pytest
 
 from tests.cli.test_foreign_folder import made, run
 from tests.needs import needs
+from tests.slow import SLOW
 
 __all__ = ["made", "run"]
 
 VERBS = (
     ("show", "run"),
-    ("show", "run", "--json"),
-    ("list",),
+    pytest.param(("show", "run", "--json"), marks=SLOW),
+    pytest.param(("list",), marks=SLOW),
     ("--help",),
-    ("report", "run", "--out", "-"),
+    pytest.param(("report", "run", "--out", "-"), marks=SLOW),
 )
+"""Each in a process of its own."""
 
 
 def call(

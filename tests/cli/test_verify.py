@@ -19,22 +19,14 @@ from grs_agents.library.shapes import Shape
 from grs_agents.runs.hashes import write_hashes
 from grs_agents.runs.record import RunRecord
 from tests.cli.command import Done, grs
+from tests.conftest import shorten_films
 from tests.views.conftest import Script
 
 
-@pytest.fixture(scope="module")
-def accepted(tmp_path_factory: pytest.TempPathFactory, known_scene: Path) -> Path:
-    """A run of a small scene with one seed."""
-    folder = tmp_path_factory.mktemp("accepted")
-    done = grs("run", str(known_scene), "--out", "run", "--set", "audit.seeds=1", "--json", folder=folder)
-    assert done.returncode == 0, done.stderr
-    return folder / "run"
-
-
 @pytest.fixture
-def run(accepted: Path, tmp_path: Path) -> Path:
-    """A copy of it to change."""
-    return Path(shutil.copytree(accepted, tmp_path / "run"))
+def run(accepted_run: Path, tmp_path: Path) -> Path:
+    """A copy of an accepted run, to change."""
+    return Path(shutil.copytree(accepted_run, tmp_path / "run"))
 
 
 def change_byte(file: Path, seed: int = 0) -> None:
@@ -121,9 +113,11 @@ def shown_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     ended.write(folder)
     write_hashes(folder)
-    for out in SHOWN:
-        verb = "share" if out.endswith(".zip") else "report"
-        assert grs(verb, "run", "--out", f"run/{out}", folder=folder.parent).returncode == 0
+    with pytest.MonkeyPatch.context() as patch:
+        shorten_films(patch)
+        for out in SHOWN:
+            verb = "share" if out.endswith(".zip") else "report"
+            assert grs(verb, "run", "--out", f"run/{out}", folder=folder.parent).returncode == 0
     return folder
 
 

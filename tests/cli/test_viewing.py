@@ -29,6 +29,7 @@ from grs_agents.cli.entry import main
 from grs_agents.runs.record import RunRecord
 from tests.cli.command import grs
 from tests.needs import needs
+from tests.slow import SLOW
 from tests.views.browsing import page_once
 from tests.views.conftest import Script
 
@@ -224,6 +225,7 @@ def test_without_a_display_the_user_is_told_what_to_do(
     assert done.stderr.startswith("grs: no display") and remedy in done.stderr and done.stderr.count("\n") == 1
 
 
+@SLOW
 @needs("browser")
 def test_a_browser_shows_a_run_that_was_cut_short(run: Path) -> None:
     events = (run / "events.jsonl").read_bytes().splitlines(keepends=True)

@@ -20,10 +20,11 @@ from grs_agents.models.answer import Answer, ProviderFailure, ReplyProblem
 from grs_agents.models.call import Retries, invoke_with_retries
 from grs_agents.models.factory import PROVIDERS, make_chat_model
 from tests.needs import needs
+from tests.slow import SLOW
 
 Json = dict[str, Any]
 CLIENTS = [
-    pytest.param(name, marks=needs(provider.module.partition(".")[0]))
+    pytest.param(name, marks=[needs(provider.module.partition(".")[0]), *([SLOW] * (name != "openai"))])
     for name, provider in PROVIDERS.items()
     if provider.http_client
     and provider.url_argument

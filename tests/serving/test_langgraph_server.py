@@ -24,6 +24,7 @@ from grs_agents.graph.state import RunState
 from grs_agents.runs.record import read_record
 from grs_agents.serving.langgraph_server import build_served_graph, grs, router, scene
 from tests.needs import needs
+from tests.slow import SLOW
 from tests.views.looking import free_port
 
 ROOT = Path(__file__).parents[2]
@@ -112,6 +113,7 @@ def langgraph_dev(folder: Path) -> Generator[str]:
         process.wait(30)
 
 
+@SLOW
 @needs("langgraph_api")
 def test_langgraph_dev_serves_a_scene(tmp_path: Path, small_scene: Path) -> None:
     body: dict[str, Any] = {"assistant_id": "scene", "input": {"scene_path": str(small_scene)}}

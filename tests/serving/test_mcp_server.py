@@ -21,6 +21,7 @@ from grs_agents.base import content
 from grs_agents.base.config.load import EffectiveConfig, load_config
 from grs_agents.base.config.schema import Config
 from grs_agents.serving.mcp_server import build_mcp_server
+from tests.slow import slow_where
 from tests.tasks.envs.conftest import block_instance
 from tests.views.looking import free_port
 
@@ -181,7 +182,7 @@ def server_on_pipes(folder: Path) -> Generator["subprocess.Popen[bytes]"]:
             server.kill()
 
 
-@pytest.mark.parametrize("how", LEAVING)
+@pytest.mark.parametrize("how", slow_where({"without reading the reply", "with both ends"}.__contains__, LEAVING))
 def test_a_client_that_leaves_ends_the_server_without_a_word(tmp_path: Path, how: str) -> None:
     with server_on_pipes(tmp_path) as server:
         LEAVING[how](server)

@@ -24,6 +24,7 @@ from grs_agents.runs.batch.row import BatchRow
 from grs_agents.runs.batch.run_process import RunJob
 from grs_agents.runs.record import RunRecord
 from tests.cli.command import grs
+from tests.slow import SLOW
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +60,7 @@ def wait_until(holds: Callable[[], bool]) -> None:
         time.sleep(0.02)
 
 
+@SLOW
 def test_a_killed_batch_goes_on_where_it_was(batch: Path) -> None:
     bad, good = read_results(batch / "out").rows
     assert (bad.run, bad.status, good.run, good.status) == ("bad-0", "failed", "good-0", "accepted")
@@ -248,7 +250,7 @@ def build():
 """A graph whose run of the second scene waits for ever when it is made for the first time."""
 
 
-@pytest.mark.parametrize("stubborn", [False, True])
+@pytest.mark.parametrize("stubborn", [False, pytest.param(True, marks=SLOW)])
 def test_a_batch_that_is_asked_to_end_ends_its_runs_and_goes_on(
     tmp_path: Path, small_scene: Path, stubborn: bool
 ) -> None:

@@ -20,6 +20,7 @@ from tests.needs import require
 from tests.sandbox.attacks import kit
 from tests.sandbox.attacks.world import Canaries
 from tests.sandbox.conftest import BACKENDS
+from tests.slow import SLOW
 
 collect_ignore_glob = [] if sys.platform == "linux" else ["test_*.py"]
 """They speak to the kernel by numbers that are Linux's alone."""
@@ -42,6 +43,19 @@ loot = {{case: kit.answer(attack.run, request["world"], *more) for case, more in
 got = {{case: thing for case, thing in loot.items() if thing != "nothing"}} or "nothing"
 value = {{"got": got if len(cases) > 1 else loot[cases[0]]}}
 """
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """With bubblewrap each test of this folder is slow but the first of its kind: of a function, and of a program."""
+    kinds: set[tuple[object, object]] = set()
+    for item in items:
+        call = getattr(item, "callspec", None)
+        if call is not None and call.params.get("door") == "bubblewrap":
+            kind = (getattr(item, "originalname", None), call.params.get("program"))
+            if kind in kinds:
+                item.add_marker(SLOW)
+            kinds.add(kind)
 
 
 @dataclass(frozen=True)

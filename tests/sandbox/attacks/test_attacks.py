@@ -9,6 +9,7 @@ import pytest
 
 from tests.sandbox.attacks.conftest import EVERY, Door, Make
 from tests.sandbox.attacks.kit import Attack
+from tests.slow import SLOW
 
 FOLDER = Path(__file__).parent / "programs"
 PROGRAMS = {
@@ -30,11 +31,12 @@ def cases(attack: Attack) -> list[str | None]:
 
 
 ATTACKS = [
-    pytest.param(program, name, case, id=f"{room}-{name}" + (f"-{case}" if case else ""))
+    pytest.param(program, name, case, id=f"{room}-{name}" + (f"-{case}" if case else ""), marks=[SLOW] * (index > 0))
     for room, program in PROGRAMS.items()
     for name, attack in attacks(program).items()
-    for case in cases(attack)
+    for index, case in enumerate(cases(attack))
 ]
+"""Each attack in each of its cases; those after the first are slow."""
 
 
 def test_there_are_attacks_enough() -> None:

@@ -24,6 +24,7 @@ from grs_agents.views.rerun.rerun_view import RerunView, rebuild_rrd_file
 from grs_agents.views.rerun.viewer import find_rerun_program, viewer_environment
 from grs_agents.views.rerun.viewer_layout import build_run_blueprint
 from tests.needs import needs
+from tests.slow import SLOW
 from tests.views.looking import connected, picture, viewer
 
 Rows = list[tuple[int, Any]]
@@ -264,6 +265,7 @@ os.kill(os.getpid(), signal.SIGKILL)
     check_whole(tmp_path / "trace.rrd", events)
 
 
+@SLOW
 @needs("vulkan")
 def test_a_viewer_shows_the_run_while_it_goes_on(script: Callable[[], Any], library: Library) -> None:
     run = script()

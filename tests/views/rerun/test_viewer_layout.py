@@ -11,6 +11,7 @@ from grs_agents.base.trace.log import read_events
 from grs_agents.library.library import Library
 from grs_agents.views.rerun.rerun_view import rebuild_rrd_file, record_comparison
 from tests.needs import needs
+from tests.slow import SLOW
 from tests.views.looking import headless, picture
 
 
@@ -26,6 +27,7 @@ def moment(folder: Path, wanted: Callable[[Any], bool]) -> float:
     raise AssertionError("no such event")
 
 
+@SLOW
 @needs("vulkan")
 def test_a_headless_viewer_draws_the_run(script: Callable[[], Any], library: Library) -> None:
     run = script()
