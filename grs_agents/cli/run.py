@@ -102,11 +102,14 @@ def print_question(question: Question) -> None:
 
 def _print_run_summary(command: str, folder: Path, record: RunRecord) -> None:
     console = terminal.make_console()
-    if command == "scene" and record.exit_status == 0:
-        scene = read_scene_description(folder / "scene.json")
+    scene = read_scene_description(folder / "scene.json") if (folder / "scene.json").is_file() else None
+    coverage = None if scene is None or scene.coverage is None else scene.coverage
+    if scene is not None and coverage is not None and describe_coverage(coverage) in scene.warnings:
+        console.print(Text(describe_coverage(coverage), style="bold yellow"))
+    if scene is not None and command == "scene" and record.exit_status == 0:
         console.print(build_objects_table(scene))
-        if scene.coverage is not None:
-            console.print(Text(f"{describe_coverage(scene.coverage)} ({folder / scene.coverage.picture})"))
+        if coverage is not None:
+            console.print(Text(f"{describe_coverage(coverage)} ({folder / coverage.picture})"))
     else:
         if (folder / "task.json").is_file():
             words = read_json(folder / "task.json", "run again").get("task-description")

@@ -56,6 +56,8 @@ from grs_agents.perception.types import (
 )
 from grs_agents.sim.world.compilation import compute_arm_spheres_at_home
 
+NAMED_OBJECTS = 3
+"""Objects that the error for a scene without movable objects names."""
 LEFT_OUT, ROBOT, BLUR = "scene/left_out.png", "scene/robot.png", "scene/blur.png"
 
 
@@ -117,7 +119,7 @@ def read_photo_into_run(state: RunState, services: Services) -> Update:
             if isinstance(event, SceneStage):
                 services.log.append(SceneStage(stage=event.stage, summary=event.summary, files=event.files))
         services.log.append(Note(text=f"the scene is that of {source}, as it was made there"))
-        require_scene_coverage(scene, config.scene.coverage.refuse, services.folder)
+        require_movable_object(scene)
         named = find_member_file(services.folder, NAMED)
         return {"scene": scene, "image": scene.image if named is None else NAMED}
 
@@ -310,7 +312,7 @@ def settle_objects(state: RunState, services: Services) -> Update:
     ]
     warnings = [*state["notes"], *settled.warnings, *far]
     if coverage is not None and coverage.share < config.coverage.warn:
-        warnings.append(describe_coverage(coverage))
+        warnings = [describe_coverage(coverage), *warnings]
     _log_warnings(warnings, services)
     if not settled.objects:
         found = f"{state['scene_path']}: none of {len(objects)} segments is an object"
@@ -339,7 +341,7 @@ def settle_objects(state: RunState, services: Services) -> Update:
     files = save_twin_picture(scene, services.library, folder)
     files |= {} if coverage is None else {"coverage": coverage.picture}
     services.log.append(SceneStage(stage="matched", summary=dict(scene), files=files))
-    require_scene_coverage(scene, config.coverage.refuse, folder)
+    require_movable_object(scene)
     named = draw_object_names(photo, {item.name: masks[item.id] for item in scene.objects}, folder)
     return {"scene": scene, "image": named}
 
@@ -361,17 +363,19 @@ def _prepare_scene_for_tasks(scene: SceneDescription, services: Services) -> Sce
     return scene.model_copy(update={"warnings": (*scene.warnings, *warnings)})
 
 
-def require_scene_coverage(scene: SceneDescription, bound: float, folder: Path) -> None:
-    """Raises InputError if the share of raised pixels that belong to objects is below ``bound``.
-
-    Older scenes without a coverage are accepted.
-    """
-    if scene.coverage is not None and scene.coverage.share < bound:
-        raise InputError(
-            f"{scene.source}: {describe_coverage(scene.coverage)}; scene.coverage.refuse is {bound:g}",
-            f"look at {folder / scene.coverage.picture}; clear away what is no object, give its mask "
-            "(tools.segment=segment_masks), or set scene.coverage.refuse lower",
-        )
+def require_movable_object(scene: SceneDescription) -> None:
+    """Raises InputError if the arm can reach and move no object of the scene: no task can be set there."""
+    if any(item.reachable and not item.held for item in scene.objects):
+        return
+    reasons = [
+        f"{item.name} at x = {item.position[0]:.2f}, y = {item.position[1]:.2f} m "
+        + ("would fall" if item.held else "is in the robot" if item.stands_in_robot else "is out of reach")
+        for item in scene.objects[:NAMED_OBJECTS]
+    ]
+    raise InputError(
+        f"{scene.source}: the arm can reach and move none of {len(scene.objects)} objects: {', '.join(reasons)}",
+        "put objects in the middle of the table, 0.25 to 0.75 m before the robot if T_robot_cam is given",
+    )
 
 
 @logged_node("hide_image")

@@ -18,8 +18,9 @@ from grs_agents.base import Vec3
 from grs_agents.base.errors import ConfigError
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import label_connected_components, points_in_box_mask
+from grs_agents.perception.plane_fitting import depth_tolerance
 from grs_agents.perception.segmentation.patch_cutting import depth_jump_mask, smooth_frame_depth
-from grs_agents.perception.table_finding import depth_tolerance, robot_frame_point_map
+from grs_agents.perception.table_finding import robot_frame_point_map
 from grs_agents.perception.types import Aabb, Array, Mask, RGBDFrame, TableFrame
 from grs_agents.perception.working_resolution import downscale_frame
 

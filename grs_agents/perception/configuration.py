@@ -12,21 +12,46 @@ from grs_agents.perception.segmentation.configuration import Measuring, Segmenta
 
 @dataclass(frozen=True)
 class TableFinding:
-    """Level planes by RANSAC, and the choice of the table among them."""
+    """Planes by RANSAC, and the choice of the table among them."""
 
     samples: int = 12_000  # pixels: a plane of the least share still has 1,400 of them
     rounds: int = 400  # hypotheses: a plane of the least share is drawn in half of all scenes, a usual table in all
-    least_share: float = 0.12  # of the measured pixels on the table
-    lowest_tilt: float = math.radians(12)  # least angle at which the camera looks down on the table
+    neighbors: int = 48  # points drawn for a hypothesis of any orientation, which its nearest three make
+    least_share: float = 0.12  # of the measured pixels on the table and the objects that stand on it
+    bare_share: float = 0.5  # of the measured pixels on a table on which nothing is high enough to be resolved
     occluded_depth: float = 0.1  # points less than this below a plane contradict it: a table occludes them
-    level: float = math.radians(12)  # largest angle between a calibrated table's normal and the robot's z axis
+    level: float = math.radians(12)  # largest angle between a level plane's normal and the vertical
     highest: float = 0.2  # largest |z| of a calibrated table top in the robot frame
     plane_distance: float = 0.25  # nearer level planes are merged; the lowest stools are 0.26 m high
     listed_share: float = 0.05  # of the measured pixels on a listed plane, which the user may choose
-    object_heights: tuple[float, float] = (0.015, 0.6)  # over the noise of a depth camera, under furniture
-    loaded_share: float = 0.01  # of a plane's pixels that show objects on it: a 4 cm cube on a table of 1 m has 0.016
+    # Of a plane's pixels that show objects on it: a 4 cm cube on a table of 1 m has 0.016. Of all measured pixels on a
+    # smaller table.
+    loaded_share: float = 0.01
+    upper_share: float = 1 / 3  # of the pixels of what the floor carries: objects on a table above it
+    # The usual camera looks down by 45 degrees. A plane whose normal is more than 60 degrees off that is a wall in most
+    # photos, or a table seen upside down.
+    usual: tuple[float, float, float] = (0.0, -math.sqrt(0.5), -math.sqrt(0.5))
+    usual_angle: float = math.radians(60)
+    unusual_weight: float = 0.5  # of what such a plane carries, against what other planes carry
     doubtful_tilt: float = math.radians(3)  # beyond the error of a hand-eye calibration
     doubtful_share: float = 0.2  # tables under the densest heaps of the reference scenes hold a quarter of the pixels
+
+
+@dataclass(frozen=True)
+class CarriedObjects:
+    """Clusters of points that stand on a plane."""
+
+    points: int = 76_800  # of the grid, at most: a 4 cm cube at 1 m has 100
+    jump: float = 0.01  # m, per metre of distance beyond -2: a depth jump between points of the grid
+    piece: float = 0.1  # of the largest visible piece of the plane: least piece of it
+    lowest: float = 0.015  # m: least height of a point over the plane, above the noise of a depth camera
+    farthest: float = 3.0  # m: beyond it the depth tolerance is 3 cm, and an arm's objects are a few pixels
+    resolved: float = 4.0  # least top, in depth tolerances: lower ones are waves of the depth
+    fewest: int = 46  # points of a cluster or of a piece of the plane: the least segment of a photo has as many
+    foot: float = 0.1  # m: largest height of the lowest points; higher ones hang, or stand on something tall
+    widest: float = 0.3  # m: largest radius, of a heap; walls and furniture are larger
+    ring: int = 9  # side of the square that grows a cluster to its surroundings
+    free: float = 0.15  # least share of the plane in the measured surroundings
 
 
 @dataclass(frozen=True)
@@ -289,11 +314,14 @@ class BackgroundReconstruction:
 class SceneryFilter:
     """Segments that are no objects by their position."""
 
+    samples: int = 2_000  # points of a region to which a flat surface is fitted
+    cut: float = 0.2  # largest share of a bin's walls within larger segments: of 10 bins 0, of 5 piles at least 0.3
+    flat: float = 0.5  # least share of a region on one plane that is a wall or furniture
     base: float = 0.0  # x of the robot's base: segments with their middle behind it are left out
     beyond: float = 0.25  # distance of a segment's middle from the workspace beyond which it is left out
     robot: float = 0.5  # of its pixels on the robot: a hole in the arm's depth
     thin: int = 4  # pixels around the robot,
-    mostly: float = 0.98  # least share of a segment within them that is the robot's edge
+    mostly: float = 0.98  # least share of a segment within them that is the robot's edge, or on a wall a piece of it
     meets: int = 8  # pixels: distance of a segment beside the robot
     widest: int = 20  # pixels: largest width of its blurred edge
     low: float = 0.025  # m: largest median height of a blurred edge over the table,
@@ -330,6 +358,7 @@ class Perception:
     noise: NoiseSmoothing = NoiseSmoothing()
     depth_alignment: DepthAlignment = DepthAlignment()
     table: TableFinding = TableFinding()
+    carried: CarriedObjects = CarriedObjects()
     robot: RobotPixels = RobotPixels()
     stray_light: StrayLightFit = StrayLightFit()
     resolution: WorkingResolution = WorkingResolution()

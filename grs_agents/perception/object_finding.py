@@ -6,10 +6,14 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from grs_agents.base.errors import InputError
 from grs_agents.perception.bin_walls.bin_walls import find_bin_walls
 from grs_agents.perception.bin_walls.walls import SeenWalls
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.coverage import measure_coverage, raised_pixel_mask
+from grs_agents.perception.image_geometry import compute_percentiles
+from grs_agents.perception.plane_fitting import Plane, depth_tolerance, find_planes
+from grs_agents.perception.segmentation.candidates import shift_to_workspace
 from grs_agents.perception.segmentation.color_borders import fit_masks_to_color
 from grs_agents.perception.segmentation.segmentation import is_segment_entering_view
 from grs_agents.perception.table_finding import robot_frame_point_map
@@ -20,6 +24,7 @@ CONFIG = DEFAULT.scenery
 ROBOT = "the robot, at the joints that camera.json gives"
 ENTERING = "comes in from above or from beyond the picture: an arm, a hand or a lamp"
 WALL = "the walls of a bin around the things"
+SURROUNDINGS = "a wall or furniture: flat, larger than an object, and cut by the picture's border"
 
 
 @dataclass(frozen=True)
@@ -50,15 +55,31 @@ def find_objects(
         segment: a segment tool; its frame lacks the depth of the robot and of a bin's walls.
     """
     walls = find_bin_walls(frame, table, robot)
+    if walls.pixels.any():
+        candidates = _segment_or_nothing(_without_depth(frame, robot), segment)
+        # Masks of the user overrule walls. Walls in a pile are sides of its objects.
+        if any(candidate.given for candidate in candidates) or _cut_share(walls.pixels, candidates) > CONFIG.cut:
+            walls = SeenWalls(np.zeros_like(robot), np.zeros_like(robot))
     candidates = segment(_without_depth(frame, robot | walls.pixels))
-    if walls.pixels.any() and any(candidate.given for candidate in candidates):  # masks of the user overrule walls
-        walls = SeenWalls(np.zeros_like(robot), np.zeros_like(robot))
-        candidates = segment(_without_depth(frame, robot))
     found = separate_scenery_from_objects(candidates, robot, walls, frame, table)
     objects = fit_masks_to_color(found.objects, frame, found.left_out)
     nothing = np.zeros_like(robot)
     blur = unite_mask_with_candidates(nothing, found.objects) & ~unite_mask_with_candidates(nothing, objects)
     return FoundObjects(objects, found.reasons, found.left_out, blur)
+
+
+def _segment_or_nothing(frame: RGBDFrame, segment: Callable[[RGBDFrame], Sequence[Candidate]]) -> Sequence[Candidate]:
+    """The candidates, none if the walls of a bin hold all objects in a segment that is too large."""
+    try:
+        return segment(frame)
+    except InputError:
+        return ()
+
+
+def _cut_share(walls: Mask, candidates: Sequence[Candidate]) -> float:
+    """Share of the ``walls`` (H, W) that lies in segments of which it is the smaller part."""
+    shared = [(np.count_nonzero(item.mask & walls), np.count_nonzero(item.mask)) for item in candidates]
+    return sum(common for common, whole in shared if common < 0.5 * whole) / np.count_nonzero(walls)
 
 
 def _without_depth(frame: RGBDFrame, known: Mask) -> RGBDFrame:
@@ -70,8 +91,9 @@ def separate_scenery_from_objects(
 ) -> SortedCandidates:
     """Separate objects from surroundings, at the photo's working size.
 
-    No objects are the robot, the walls of a bin, segments behind the base of a calibrated robot or beyond its
-    workspace, and segments or unsegmented regions that enter from above or from beyond the picture.
+    No objects are the robot, the walls of a bin, segments or unsegmented regions behind the base of a calibrated robot,
+    beyond its workspace or beyond the simulated table, those that enter from above or from beyond the picture, and
+    walls and furniture behind the objects.
 
     Args:
         candidates: the segments, robot frame.
@@ -87,17 +109,14 @@ def separate_scenery_from_objects(
     small_robot = downscale_mask(robot, factor)
     seen = replace(walls, pixels=downscale_mask(walls.pixels, factor), mixed=downscale_mask(walls.mixed, factor))
     owned = unite_mask_with_candidates(np.zeros_like(small_robot), reduced)
+    shift = shift_to_workspace(table, candidates)
     why: dict[int, str] = {}
     for item in reduced:
-        x, y, _ = item.box.center
+        x, y, _ = item.box.center + shift
         if is_segment_entering_view(item.mask, points, small.camera, DEFAULT.segmentation):
             why[item.id] = ENTERING
-        elif table.origin == "calibrated" and x < CONFIG.base:
-            why[item.id] = f"behind the robot's base, at x = {x:.2f}, y = {y:.2f} m"
-        elif table.origin == "calibrated" and (
-            x > X[1] + CONFIG.beyond or not Y[0] - CONFIG.beyond <= y <= Y[1] + CONFIG.beyond
-        ):
-            why[item.id] = f"beyond the workspace, at x = {x:.2f}, y = {y:.2f} m"
+        elif place := _explain_place(float(x), float(y), table):
+            why[item.id] = place
     if small_robot.any():
         distance = np.asarray(cv2.distanceTransform((~small_robot).astype(np.uint8), cv2.DIST_L2, 5), np.float64)
         why |= {item.id: ROBOT for item in reduced if _is_robot(item.mask, distance, points[..., 2], owned)}
@@ -111,17 +130,63 @@ def separate_scenery_from_objects(
         if is_mixed or seen.has_as_rim(points[item.mask], points[owned & ~item.mask]):
             why[item.id] = WALL
     why = {item.id: why[item.id] for item in reduced if item.id in why}  # in the order of the segments
-    kept = [item for item in candidates if item.id not in why]
     left_out = unite_mask_with_candidates(known, [item for item in candidates if item.id in why])
-    owned = unite_mask_with_candidates(left_out, kept)
+    owned = unite_mask_with_candidates(left_out, [item for item in candidates if item.id not in why])
     reasons = [*([ROBOT] if robot.any() else []), *([WALL] if walls.pixels.any() else []), *why.values()]
     above = raised_pixel_mask(small, table, downscale_mask(left_out, factor))
-    for mask, _ in measure_coverage(small, table, above, downscale_mask(owned, factor)).regions:
-        if is_segment_entering_view(mask, points, frame.camera, DEFAULT.segmentation):
-            reasons.append(ENTERING)
+    surfaces = _fit_surroundings(seen.pixels, small, points)
+    for mask, region in measure_coverage(small, table, above, downscale_mask(owned, factor)).regions:
+        behind = _fit_surroundings(mask, small, points)
+        x, y, _ = region.box.center + shift
+        entering = is_segment_entering_view(mask, points, frame.camera, DEFAULT.segmentation)
+        reason = ENTERING if entering else SURROUNDINGS if behind else _explain_place(float(x), float(y), table)
+        if reason:
+            reasons.append(reason)
             left_out |= repeat_cells(mask, frame, factor) & ~owned
+            surfaces += behind
+    pieces = [item for item in reduced if item.id not in why and any(_lies_on(item.mask, small, it) for it in surfaces)]
+    why |= {item.id: SURROUNDINGS for item in pieces}
+    reasons += [SURROUNDINGS] * len(pieces)
+    left_out = unite_mask_with_candidates(left_out, [item for item in candidates if item.id in why])
+    kept = [item for item in candidates if item.id not in why]
     numbered = tuple(replace(item, id=number) for number, item in enumerate(kept, 1))
     return SortedCandidates(numbered, tuple(dict.fromkeys(reasons)), left_out)
+
+
+def _explain_place(x: float, y: float, table: TableFrame) -> str:
+    """Reason that a place in the workspace's frame, m, is none of an object; empty if it may be."""
+    place = f"at x = {x:.2f}, y = {y:.2f} m"
+    if table.origin == "calibrated":
+        if x < CONFIG.base:
+            return f"behind the robot's base, {place}"
+        if x > X[1] + CONFIG.beyond or not Y[0] - CONFIG.beyond <= y <= Y[1] + CONFIG.beyond:
+            return f"beyond the workspace, {place}"
+    middle, reach = DEFAULT.settling.table_center, DEFAULT.settling.table_reach
+    return f"beyond the simulated table, {place}" if np.hypot(x - middle[0], y - middle[1]) > reach else ""
+
+
+def _fit_surroundings(region: Mask, frame: RGBDFrame, points: Array) -> list[Plane]:
+    """The flat surface that a region (H, W) mostly shows, if it is larger than an object and the border cuts it.
+
+    ``points`` are (H, W, 3) in the robot frame."""
+    border = DEFAULT.segmentation.filter.border
+    inner = region[border:-border, border:-border]
+    cloud = points[region & (frame.depth > 0)]
+    if np.count_nonzero(inner) == np.count_nonzero(region) or len(cloud) < DEFAULT.segmentation.filter.fewest:
+        return []
+    low, high = compute_percentiles(cloud, (1, 99))
+    if (high - low).max() <= DEFAULT.measuring.largest:
+        return []
+    seen = frame.camera_frame_point_map()[region & (frame.depth > 0)]
+    planes = find_planes(seen[:: len(seen) // CONFIG.samples + 1], np.random.default_rng(0))
+    return [plane for plane in planes if plane.share > CONFIG.flat]
+
+
+def _lies_on(segment: Mask, frame: RGBDFrame, plane: Plane) -> bool:
+    """Whether a segment (H, W) is a piece of a flat surface: a poster, or a patch of a wall."""
+    seen = frame.camera_frame_point_map()[segment & (frame.depth > 0)]
+    near = np.abs(plane.heights_of_points(seen)) < 2 * depth_tolerance(seen[:, 2])
+    return bool(np.count_nonzero(near) > CONFIG.mostly * len(near))
 
 
 def unite_mask_with_candidates(mask: Mask, candidates: Sequence[Candidate]) -> Mask:

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import Labels, pixels_in_mask
-from grs_agents.perception.table_finding import depth_tolerance
+from grs_agents.perception.plane_fitting import depth_tolerance
 from grs_agents.perception.types import Array, Mask, RGBDFrame
 
 CONFIG = DEFAULT.resolution

@@ -1,6 +1,7 @@
 """The verbs that look: each works from the command line and says what it promises."""
 
 import json
+import shutil
 import sys
 import tomllib
 from pathlib import Path
@@ -335,6 +336,19 @@ def test_names_stay_whole_in_a_terminal_of_80_columns(
     assert max(map(len, lines)) <= 80
     names = [word for line in lines for word in line.split() if "/" in word and "." in word]
     assert len(names) >= 8 and all(name.endswith(".urdf") for name in names if not name.startswith(("runs/", "(")))
+
+
+def test_a_low_coverage_is_the_first_line_of_the_result(tmp_path: Path, groceries: tuple[Done, Path]) -> None:
+    assert not groceries[0].stdout.startswith("coverage")
+    folder = tmp_path / "low"
+    shutil.copytree(groceries[1], folder)
+    scene = json.loads((folder / "scene.json").read_text())
+    scene["coverage"] |= {"share": 0.5, "unowned": []}
+    scene["warnings"] = ["coverage 0.50", *scene["warnings"]]
+    (folder / "scene.json").write_text(json.dumps(scene))
+    done = grs("scene", str(folder), "--out", "again", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[0] == "coverage 0.50"
 
 
 def test_a_command_or_path_that_is_printed_is_not_broken_where_the_terminal_ends(groceries: tuple[Done, Path]) -> None:

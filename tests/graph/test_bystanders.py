@@ -6,8 +6,10 @@ from typing import Any
 
 import pytest
 
+from grs_agents.base.errors import InputError
 from grs_agents.graph.bystanders import photo_objects, prepare_scene_for_tasks, program_tool_settings
 from grs_agents.graph.judging import audit_task, run_tests
+from grs_agents.graph.perceive import require_movable_object
 from grs_agents.graph.scene_prompt import scene_for_prompt
 from grs_agents.graph.services import Services
 from grs_agents.graph.state import RunState
@@ -39,6 +41,15 @@ def moved(number: int, x: float, y: float, z: float = 0.02, **fields: Any) -> di
 
 def instance_in(services: Services) -> TaskInstance:
     return TaskInstance.model_validate(json.loads((services.folder / "instances/seed_0.json").read_text()))
+
+
+def test_a_scene_is_refused_only_if_no_object_can_be_reached_and_moved(state: RunState) -> None:
+    scene = scene_of(state, moved(4, 0.9, 0.0, reachable=False))
+    require_movable_object(scene)
+    stuck = [{"reachable": False}, {"held": True}, {"reachable": False, "stands_in_robot": True}]
+    fixed = [item.model_copy(update=change) for item, change in zip(scene.objects, stuck, strict=False)]
+    with pytest.raises(InputError, match=r"move none of 3 objects: .* out of reach, .* would fall, .* in the robot"):
+        require_movable_object(scene.model_copy(update={"objects": tuple(fixed)}))
 
 
 def test_photo_objects_stand_where_they_came_to_rest(state: RunState) -> None:

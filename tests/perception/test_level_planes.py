@@ -2,7 +2,9 @@
 
 import numpy as np
 
-from grs_agents.perception.table_finding import find_level_planes
+from grs_agents.perception.plane_fitting import find_level_planes
+
+UP = np.array([0.0, 0.0, -1.0])
 
 
 def ramp(degrees: float, height: float, rng: np.random.Generator) -> np.ndarray:
@@ -17,7 +19,7 @@ def test_a_ramp_beside_the_floor_is_no_level_plane() -> None:
     floor = np.column_stack([*rng.uniform(-1.2, 1.2, (2, 60_000)), np.full(60_000, 1.5)])
 
     def count(degrees: float) -> int:
-        return len(find_level_planes(np.vstack([floor, ramp(degrees, 0.7, rng)]), None, np.random.default_rng(1)))
+        return len(find_level_planes(np.vstack([floor, ramp(degrees, 0.7, rng)]), UP, np.random.default_rng(1)))
 
     assert count(4.0) == 2
     assert count(13.0) == 1

@@ -12,11 +12,18 @@ from grs_agents.base.errors import InputError
 from grs_agents.library.library import Library
 from grs_agents.perception.bin_walls.bin_walls import find_bin_walls
 from grs_agents.perception.bin_walls.walls import SeenWalls
-from grs_agents.perception.object_finding import separate_scenery_from_objects
+from grs_agents.perception.coverage import measure_coverage, raised_pixel_mask
+from grs_agents.perception.object_finding import (
+    SURROUNDINGS,
+    find_objects,
+    separate_scenery_from_objects,
+    unite_mask_with_candidates,
+)
 from grs_agents.perception.robot_pixels import require_joints_within_limits, robot_pixel_mask
 from grs_agents.perception.segmentation.candidates import measure_candidates
+from grs_agents.perception.segmentation.segmentation import segment_objects_on_table
 from grs_agents.perception.table_finding import find_table, robot_frame_point_map
-from grs_agents.perception.types import RGBDFrame
+from grs_agents.perception.types import Candidate, RGBDFrame, TableFrame
 from grs_agents.sim.arms.registry import get_arm
 from grs_agents.sim.rendering.cameras import VisibleScene
 from grs_agents.sim.rendering.pictures import render_along_rays
@@ -217,3 +224,62 @@ def test_a_hole_in_the_depth_of_the_arm_is_the_robot() -> None:
     found = separate_scenery_from_objects(parts, owner == 4, SeenWalls(nowhere, nowhere), frame, table)
     assert len(found.objects) == 1 and "joints" in found.reasons[0]
     assert found.left_out[owner == 4].all() and not found.left_out[owner == 5].any()
+
+
+LOW_WALL = ((0.75, -1.2, 0.0), (0.8, 1.2, 0.3))
+
+
+def segment(frame: RGBDFrame, table: TableFrame) -> tuple[Candidate, ...]:
+    return measure_candidates(frame, table, segment_objects_on_table(frame, table))
+
+
+@pytest.mark.parametrize("calibrated", [True, False])
+def test_a_wall_behind_the_objects_is_scenery_however_low_it_is(calibrated: bool) -> None:
+    frame, owner = room_photo(np.concatenate([room.BOXES[[0, 4, 5]], [LOW_WALL]]).tobytes(), 1)
+    if not calibrated:
+        frame = replace(frame, camera=frame.camera.model_copy(update={"T_robot_cam": None}))
+    table, robot = find_table(frame, np.random.default_rng(0)), np.zeros(owner.shape, bool)
+    found = find_objects(frame, table, robot, lambda photo: segment(photo, table))
+    assert len(found.objects) == 2 and SURROUNDINGS in found.reasons
+    assert np.count_nonzero(found.left_out & (owner == 3)) > 0.9 * np.count_nonzero(owner == 3) > 1000
+    owned = unite_mask_with_candidates(robot, found.objects)
+    assert measure_coverage(frame, table, raised_pixel_mask(frame, table, found.left_out), owned).share > 0.95
+
+
+def test_a_patch_of_a_wall_is_no_object() -> None:
+    frame, owner = room_photo(np.concatenate([room.BOXES[[0, 4, 5]], [LOW_WALL]]).tobytes(), 1)
+    table, nowhere = find_table(frame, np.random.default_rng(0)), np.zeros(owner.shape, bool)
+    below_rim = robot_frame_point_map(frame, table)[..., 2] < 0.28
+    poster = (owner == 3) & below_rim & (np.abs(np.arange(640) - 100) < 25)
+    labels = np.where(poster, 3, np.where(np.isin(owner, (1, 2)), owner, 0)).astype(np.int32)
+    parts = measure_candidates(frame, table, labels)
+    found = separate_scenery_from_objects(parts, nowhere, SeenWalls(nowhere, nowhere), frame, table)
+    assert len(parts) == 3 and len(found.objects) == 2
+    assert found.reasons == (SURROUNDINGS,) and found.left_out[poster].all()
+
+
+def test_sides_of_larger_segments_are_no_walls_of_a_bin() -> None:
+    walls = [((x, y, 0.0), (far, wide, 0.05)) for x, y, far, wide in WALLS]
+    frame, owner = room_photo(with_boxes(*walls).tobytes(), 1)
+    table, robot = find_table(frame, np.random.default_rng(0)), np.zeros(owner.shape, bool)
+    assert find_bin_walls(frame, table, robot).pixels.any()
+    x, y, _ = np.moveaxis(robot_frame_point_map(frame, table), -1, 0)
+    within = (x > 0.29) & (x < 0.73) & (np.abs(y) < 0.31)
+    halves = np.where(within, np.where(y > 0, 1, 2), 0).astype(np.int32)
+    found = find_objects(frame, table, robot, lambda photo: measure_candidates(photo, table, halves))
+    assert found.reasons == () and not found.left_out.any()
+    whole = [np.isin(owner, range(6, 10)) & (halves == number) for number in (1, 2)]
+    assert all((item.mask & walls).sum() > 0.9 * walls.sum() for item, walls in zip(found.objects, whole, strict=True))
+
+
+def test_objects_far_beyond_the_simulated_table_are_left_out() -> None:
+    far = ((0.5, 1.5, 0.0), (0.6, 1.6, 0.12))
+    boxes = np.concatenate([[((-0.2, -0.9, -0.05), (0.95, 3.0, 0.0))], room.BOXES[4:], [far]])
+    frame, _, owner = room.photo(room.camera(yaw=0.7, width=640, height=480), boxes=boxes)
+    frame = replace(frame, camera=frame.camera.model_copy(update={"T_robot_cam": None}))
+    table = find_table(frame, np.random.default_rng(0))
+    parts = measure_candidates(frame, table, np.maximum(owner, 0).astype(np.int32))
+    nowhere = np.zeros(owner.shape, bool)
+    found = separate_scenery_from_objects(parts, nowhere, SeenWalls(nowhere, nowhere), frame, table)
+    assert len(parts) == 3
+    assert len(found.objects) == 2 and all("beyond the simulated table" in reason for reason in found.reasons)

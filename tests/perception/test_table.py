@@ -24,7 +24,8 @@ from grs_agents.perception.table_finding import (
     project_to_pixels,
     robot_frame_point_map,
 )
-from grs_agents.perception.types import RGBDFrame
+from grs_agents.perception.types import Camera, RGBDFrame
+from tests.perception import room
 from tests.perception.conftest import Rendered, Thing, look_at, render
 from tests.perception.settling.photo import LIBRARY, MILK, photo_of, standing
 
@@ -171,6 +172,78 @@ def test_a_tilted_calibration_is_right_under_the_objects(rendered: Rendered) -> 
     ground = robot_frame_point_map(frame, table)[(rendered.labels == 0) & (frame.depth > 0)]
     assert float(np.median(ground[:, 2])) == pytest.approx(0, abs=0.003)
     assert segment_objects_on_table(frame, table).max() == len(rendered.things)
+
+
+def uncalibrated(frame: RGBDFrame) -> RGBDFrame:
+    return replace(frame, camera=frame.camera.model_copy(update={"T_robot_cam": None}))
+
+
+def turned(frame: RGBDFrame, quarters: int) -> RGBDFrame:
+    """The frame of a camera rolled by quarter turns; the principal point moves with the picture."""
+    camera = frame.camera
+    for _ in range(quarters):
+        swapped = {"fx": camera.fy, "fy": camera.fx, "cx": camera.cy, "cy": camera.width - 1 - camera.cx}
+        camera = camera.model_copy(update={**swapped, "width": camera.height, "height": camera.width})
+    rgb, depth = (np.ascontiguousarray(np.rot90(picture, quarters)) for picture in (frame.rgb, frame.depth))
+    return replace(frame, rgb=rgb, depth=depth, camera=camera)
+
+
+@pytest.mark.parametrize("quarters", [1, 2, 3])
+def test_the_table_is_found_wherever_the_camera_stands(low_table: Rendered, quarters: int) -> None:
+    frame = turned(low_table.frame, quarters)
+    table = find_table(frame, np.random.default_rng(0))
+    assert table.T_robot_cam[2][3] == pytest.approx(EYE[2] - TOP, abs=0.01)
+    assert segment_objects_on_table(frame, table).max() == len(ON_IT)
+
+
+def test_a_wall_with_more_pixels_is_no_table() -> None:
+    boxes = np.concatenate([room.BOXES[[0, 4, 5]], [((0.6, -1.6, -0.8), (0.65, 1.6, 1.2))]])
+    frame, _, owner = room.photo(room.camera(width=640, height=480), 0.001, boxes)
+    assert np.count_nonzero(owner == 3) > np.count_nonzero(owner == 0)
+    table = find_table(uncalibrated(frame), np.random.default_rng(0))
+    up, true = np.array(table.T_robot_cam)[2], np.array(frame.camera.T_robot_cam)[2]
+    assert up == pytest.approx(true, abs=0.02)
+
+
+def test_a_seat_with_objects_is_the_table_though_the_floor_is_larger() -> None:
+    seat = Thing("box", (0.5, 0.0), (0.36, 0.42, 0.45))
+    things = [Thing("box", (0.42, y), (0.08, 0.07, 0.09), bottom=0.45) for y in (-0.13, 0.0, 0.13)]
+    frame = render((seat, *things), eye=EYE).frame
+    table = find_table(frame, np.random.default_rng(0))
+    assert table.inliers < 0.12
+    assert table.T_robot_cam[2][3] == pytest.approx(EYE[2] - 0.45, abs=0.01)
+
+
+def test_a_room_without_a_plane_that_carries_objects_is_refused() -> None:
+    corner = np.array([((0.9, -3.0, -2.0), (0.95, 0.0, 2.0)), ((0.0, 0.0, -2.0), (0.95, 0.05, 2.0))])
+    frame, _, _ = room.photo(room.camera(yaw=0.46, width=640, height=480), 0.001, corner)
+    with pytest.raises(InputError, match="no plane carries objects"):
+        find_table(uncalibrated(frame), np.random.default_rng(0))
+
+
+def test_the_measured_vertical_says_which_planes_are_level(rendered: Rendered) -> None:
+    up = np.array(rendered.frame.camera.T_robot_cam)[2, :3]
+    plain = uncalibrated(rendered.frame)
+
+    def held(vertical: np.ndarray) -> RGBDFrame:
+        return replace(
+            plain, camera=Camera.model_validate({**plain.camera.model_dump(), "up": tuple(vertical.tolist())})
+        )
+
+    table = find_table(held(9.81 * up), np.random.default_rng(0))
+    assert np.array(table.T_robot_cam)[2, :3] == pytest.approx(up, abs=0.02)
+    with pytest.raises(InputError, match="level by up"):
+        find_table(held(rotation_about_axis(np.array([1.0, 0.0, 0.0]), 0.8) @ up), np.random.default_rng(0))
+
+
+def test_a_pose_in_which_a_bare_wall_is_level_is_blamed() -> None:
+    boxes = np.concatenate([room.BOXES[[0, 4, 5]], [((0.7, -1.6, -0.8), (0.75, 1.6, 1.2))]])
+    frame, _, _ = room.photo(room.camera(width=640, height=480), 0.001, boxes)
+    pose = np.array(frame.camera.T_robot_cam)
+    wall_up = pose_matrix(quaternion_to_matrix((0.0, 2**-0.5, 0.0, 2**-0.5)), np.zeros(3)) @ pose
+    wall_up[2, 3] += 0.7
+    with pytest.raises(InputError, match=r"level in|level by T_robot_cam.*T_robot_cam"):
+        find_table(calibrated(frame, wall_up), np.random.default_rng(0))
 
 
 def inverse(pose: np.ndarray) -> np.ndarray:

@@ -125,12 +125,9 @@ TableChoice = Literal["auto", "largest", "highest"] | Annotated[int, Field(ge=1,
 
 
 class CoverageConfig(Frozen):
-    """Bounds on the share of the pixels above the table that objects must own."""
+    """Bounds on the share of the pixels above the table that objects own."""
 
-    warn: float = Field(default=0.9, ge=0, le=1)  # below it the run warns, and names unowned regions
-    # Below it the scene is refused; 0 accepts any. A run is accurate within 0.03, so objects own 0.8 of an accepted
-    # scene.
-    refuse: float = Field(default=0.83, ge=0, le=1)
+    warn: float = Field(default=0.8, ge=0, le=1)  # below it the run warns first, and names unowned regions
 
 
 class SceneConfig(Frozen):

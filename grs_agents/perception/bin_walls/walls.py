@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from grs_agents.perception.bin_walls.configuration import CONFIG
-from grs_agents.perception.table_finding import depth_tolerance
+from grs_agents.perception.plane_fitting import depth_tolerance
 from grs_agents.perception.types import Array, Camera, Mask
 
 SIDES = ((0, -1.0), (0, 1.0), (1, -1.0), (1, 1.0))

@@ -31,7 +31,17 @@ from grs_agents.perception.segmentation.footprints import (
     is_open_at_top,
 )
 from grs_agents.perception.table_finding import describe_table_doubts, matrix_to_tuples, pixels_to_robot_frame
-from grs_agents.perception.types import Aabb, Array, Candidate, Mask, RGBDFrame, Solid, TableFrame, UprightBox
+from grs_agents.perception.types import (
+    Aabb,
+    Array,
+    Candidate,
+    Mask,
+    RGBDFrame,
+    Solid,
+    TableFrame,
+    UprightBox,
+    is_reachable_position,
+)
 
 CONFIG = DEFAULT.measuring
 
@@ -170,17 +180,34 @@ def crop_segment(
     return np.asarray(cv2.copyTo(crop, mask[wide].astype(np.uint8), cv2.LUT(crop, DIMMED)), np.uint8)
 
 
+def shift_to_workspace(table: TableFrame, candidates: Sequence[Candidate]) -> Array:
+    """Shift (3,), m, of a frame laid on the table that brings objects into the arm's workspace; 0 if it is calibrated.
+
+    The middle of all objects comes to the middle of the workspace, or an object with which more are in reach."""
+    if table.origin == "calibrated":
+        return np.zeros(3)
+    lows = np.array([candidate.box.low for candidate in candidates])
+    highs = np.array([candidate.box.high for candidate in candidates])
+    middle = ((lows.min(axis=0) + highs.max(axis=0)) / 2)[:2]
+    centers = np.array([candidate.box.center for candidate in candidates])[:, :2]
+    target = np.array(CONFIG.workspace_center)
+
+    def rank(place: Array) -> tuple[int, float]:
+        moved = centers - place + target
+        reached = sum(is_reachable_position((float(x), float(y), 0.0)) for x, y in moved)
+        return reached, -float(np.linalg.norm(place - middle))
+
+    best = max((middle, *centers), key=rank)
+    return np.array([*(target - best), 0.0])
+
+
 def center_objects_in_workspace(
     table: TableFrame, candidates: Sequence[Candidate]
 ) -> tuple[TableFrame, tuple[Candidate, ...]]:
-    """Shift a frame laid on the table so that the middle of the objects is in the arm's workspace; a calibrated frame
-    stays."""
+    """Shift a frame laid on the table so that the objects are in the arm's workspace; a calibrated frame stays."""
     if table.origin == "calibrated":
         return table, tuple(candidates)
-    lows = np.array([candidate.box.low for candidate in candidates])
-    highs = np.array([candidate.box.high for candidate in candidates])
-    middle = (lows.min(axis=0) + highs.max(axis=0)) / 2
-    shift = np.array([CONFIG.workspace_center[0] - middle[0], CONFIG.workspace_center[1] - middle[1], 0.0])
+    shift = shift_to_workspace(table, candidates)
     transform = np.array(table.T_robot_cam)
     transform[:3, 3] += shift
     moved: list[Candidate] = []

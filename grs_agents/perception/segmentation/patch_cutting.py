@@ -19,8 +19,8 @@ from grs_agents.perception.image_geometry import (
     points_in_hull_mask,
     values_in_mask,
 )
+from grs_agents.perception.plane_fitting import depth_tolerance
 from grs_agents.perception.segmentation.configuration import Foreground, PatchCutting
-from grs_agents.perception.table_finding import depth_tolerance
 from grs_agents.perception.types import Array, Mask, RGBDFrame
 
 Depth = npt.NDArray[np.float32]

@@ -129,7 +129,7 @@ def test_a_record_of_another_shape_changes_nothing(tree: dict[str, Any]) -> None
     assert RecordedConfig(tree).resume_on(EffectiveConfig(Config())) == Config()
 
 
-@pytest.mark.parametrize(("key", "value"), [("seed", -1), ("seed", "seven"), ("scene.coverage.refuse", 9)])
+@pytest.mark.parametrize(("key", "value"), [("seed", -1), ("seed", "seven"), ("scene.coverage.warn", 9)])
 def test_a_value_out_of_bounds_is_named(key: str, value: Any) -> None:
     with pytest.raises(ConfigError, match=key.replace(".", r"\.")):
         recorded(key, value).resume_on(LOCAL)

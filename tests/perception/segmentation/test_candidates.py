@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -20,7 +21,7 @@ from grs_agents.perception.segmentation.candidates import (
     measure_candidates,
 )
 from grs_agents.perception.table_finding import find_table
-from grs_agents.perception.types import Candidate, TableFrame, UprightBox
+from grs_agents.perception.types import Aabb, Candidate, TableFrame, UprightBox, is_reachable_position
 from tests.perception.conftest import Rendered, Thing, render
 
 SIDE = st.floats(0.02, 0.3)
@@ -93,6 +94,20 @@ def test_the_robot_is_placed_only_where_no_calibration_says_so(rendered: Rendere
     table, moved = center_objects_in_workspace(*_candidates(stacked))
     lows, highs = (np.array([getattr(one.box, side) for one in moved]) for side in ("low", "high"))
     assert (lows.min(axis=0) + highs.max(axis=0))[:2] / 2 == pytest.approx((0.5, 0.0), abs=1e-9)
+
+
+def test_the_robot_stands_where_it_reaches_most_objects() -> None:
+    near = [Thing("box", (0.3 + 0.1 * i, -0.45), (0.06, 0.06, 0.08)) for i in range(3)]
+    table, found = _candidates(render([*near, Thing("box", (0.55, 0.65), (0.06, 0.06, 0.08))]))
+    _, moved = center_objects_in_workspace(table, [moved_aside(item, 3.0) for item in found[3:]] + list(found[:3]))
+    assert [is_reachable_position(item.box.center) for item in moved] == [False, True, True, True]
+
+
+def moved_aside(candidate: Candidate, aside: float) -> Candidate:
+    """The candidate, moved to the left by so many metres."""
+    (west, south, low), (east, north, high) = candidate.box.low, candidate.box.high
+    box = Aabb(low=(west, south + aside, low), high=(east, north + aside, high))
+    return replace(candidate, box=box)
 
 
 def test_crops_show_the_thing_and_dim_the_rest(rendered: Rendered) -> None:
