@@ -224,7 +224,7 @@ def check_assets_match_task(instances: Sequence[TaskInstance], task: TaskDefinit
 def check_assets_are_in_photo(
     instances: Sequence[TaskInstance], scene: SceneDescription, library: Library
 ) -> AuditFinding:
-    """The finding ``assets_of_scene``: every object is in the photo as often as in the task, or is a fixture."""
+    """The finding ``assets_of_scene``: the photo shows each asset, fixtures apart, as often as an instance uses it."""
     seen = Counter(item.asset for item in scene.objects)
     fixtures = {asset.name for asset in library.assets() if asset.fixture}
     absent = {

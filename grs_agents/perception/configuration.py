@@ -346,8 +346,8 @@ class CoverageMeasuring:
     listed: float = 0.005  # of the raised pixels: least size of a listed region
     most: float = 0.5  # of a region: least share of its pixels that a reason explains
     thin: int = 5  # pixels: thinner regions are edges
-    halo: int = 7  # pixels around left-out areas whose blurred edges do not count, but beside the robot,
-    high: float = 0.02  # m: and not at it, from this height: of those 2 in 3 pixels show an object, of lower 1 in 10
+    halo: int = 7  # pixels: width of the blurred margin of left-out areas, which does not count
+    high: float = 0.02  # m: higher pixels in the robot's margin count: 2 in 3 show an object, of lower ones 1 in 10
     named: int = 3  # regions in a warning
 
 

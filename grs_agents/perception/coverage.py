@@ -96,7 +96,7 @@ def raised_pixel_mask(
         if enough and np.nanmedian(points[..., 2].take(beside_blur)) > DEFAULT.segmentation.floors.floor:
             sure.put(pixels, True)
     if left_out is not None and robot is not None:
-        # High pixels in the blur of the robot alone, but for those at it.
+        # Pixels above CONFIG.high count in the blurred margin of the robot, too, except right at it.
         at_robot, others = (cv2.dilate(mask.astype(np.uint8), KERNEL) > 0 for mask in (robot, left_out & ~robot))
         halo = np.asarray(cv2.dilate(others.astype(np.uint8), KERNEL, iterations=CONFIG.halo - 1), np.bool_)
         sure |= (points[..., 2] > CONFIG.high) & downscale_mask(~at_robot & ~halo, factor)

@@ -83,7 +83,7 @@ def _execute_deferred_module(module: Any) -> None:
 
 
 class _DeferredClass:
-    """Stand-in for a class of LangSmith, mostly in annotations, until it is used."""
+    """Placeholder for a LangSmith class, mostly met in annotations; the class is imported on first use."""
 
     def __init__(self, module: str, name: str) -> None:
         self._place = (f"langsmith.{module}", name)

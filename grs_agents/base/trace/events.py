@@ -78,7 +78,7 @@ JsonObject = Annotated[dict[str, Any], BeforeValidator(to_plain_json)]
 
 
 _WIDEST = 20_000
-"""Pixels of a side of a photo."""
+"""Largest width or height of a photo, pixels."""
 _MOST_OBJECTS = 1_000
 Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e9, le=1e9)]
 Vector = tuple[Number, Number, Number]

@@ -202,9 +202,8 @@ def make_plans_for_task(task: Json, objects: Sequence[PromptObject], margin: flo
     assets = [str(asset) for asset in task.get("assets-used", [])]
     clauses = parse_clauses(task, _select_objects_by_asset(objects, assets))
     unlike = ""
-    options: list[
-        list[list[PromptObject]]
-    ] = []  # of each clause: sets of as many objects of a label as its text counts
+    # For each clause, every selection of its objects with, for each label, as many objects as the clause mentions.
+    options: list[list[list[PromptObject]]] = []
     for clause in clauses:
         alike: dict[str, list[PromptObject]] = {}
         for obj in clause.moved:

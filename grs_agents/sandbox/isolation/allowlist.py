@@ -50,7 +50,7 @@ def content_overlays() -> list[Path]:
 
 
 def outermost_paths(paths: Iterable[Path]) -> tuple[Path, ...]:
-    """``paths``, each as it is named and as it resolves, without those that lie inside another or in the system's."""
+    """The outermost of ``paths``, absolute and with links resolved; without those inside another or a system path."""
     named = [path.absolute() for path in paths]
     every = sorted({path for path in named if ".." not in path.parts} | {path.resolve() for path in named})
     kept: list[Path] = list(system_paths())

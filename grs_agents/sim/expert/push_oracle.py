@@ -118,7 +118,7 @@ _TRIED: Final = 60
 _PAIRS, _FEWEST = 1_000_000, 200
 """Pieces times areas times strokes evaluated for a decision, and the least number of strokes."""
 _AIMS: Final = 6
-"""Target areas that strokes aim at, of many: the emptiest, spread out."""
+"""Most target areas that strokes aim at; of more, those farthest from all pieces and from each other."""
 
 
 @dataclass(frozen=True)
