@@ -1,5 +1,6 @@
 """Reader of a scene folder: a photo, its depth as a picture, an array or a point cloud, and the camera's file."""
 
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path, PurePath
 from typing import NoReturn
@@ -27,11 +28,12 @@ from grs_agents.perception.reading.camera import (
     read_camera_file,
 )
 from grs_agents.perception.reading.depth_encoding import DepthUnit, Units, decode_sensor_format, guess_depth_unit
-from grs_agents.perception.reading.frame_assembly import RecordedDepth, SceneRecording
+from grs_agents.perception.reading.frame_assembly import RecordedDepth, SceneRecording, have_same_aspect_ratio
 from grs_agents.perception.reading.picture import COLOR_SUFFIXES, DEPTH_SUFFIXES, read_color_picture, read_depth_picture
 from grs_agents.perception.reading.point_cloud import Cloud, depth_from_cloud, read_point_cloud
 from grs_agents.perception.reading.scene_files import SceneFiles, find_scene_files, is_camera_name, is_point_cloud_name
 from grs_agents.perception.reading.unread_formats import make_unread_format_error
+from grs_agents.perception.types import Camera
 
 IN_METRES = DepthUnit(1.0)  # of points, and of depth estimated by a model
 _MOST_CAMERA_FILES = 40  # files of unknown names that are searched for intrinsics
@@ -102,6 +104,12 @@ def _add_depth(
         if stated is not None:  # by the user or the sensor format, before any file
             read = replace(read, camera=read.camera.model_copy(update={"depth_scale": stated}))
         notes += read.notes
+        depth_size = (units.shape[1], units.shape[0])
+        if not have_same_aspect_ratio(size, depth_size):
+            calibration = _find_depth_calibration(folder, files, depth_size)
+            if calibration is not None and (read.camera.width, read.camera.height) == size:
+                units = _resample_to_color(units, calibration, read.camera)
+                notes.append(f"depth of {depth_size[0]}x{depth_size[1]} pixels was resampled by {calibration.source}")
         scale = read.camera.depth_scale
         unit_note = encoding or ("metres" if scale == 1 else f"{scale:g} m a unit")
     if not files.has_standard_names or (read.taken and files.cameras != ((PurePath("camera.json"),),)):
@@ -116,6 +124,28 @@ def _add_depth(
         distortion=read.distortion,
         rectified=hint.rectified,
     )
+
+
+def _find_depth_calibration(folder: Path, files: SceneFiles, size: tuple[int, int]) -> Calibration | None:
+    """The only camera that a file names after depth, or gives for a picture of ``size`` (width, height)."""
+    distinct: list[Calibration] = []
+    for path in [path for group in files.cameras for path in group][:_MOST_CAMERA_FILES]:
+        with suppress(InputError):
+            for each in distinct_calibrations(read_values(folder / path), str(path)):
+                if ("depth" in each.source.lower() and each.size in (None, size)) or each.size == size:
+                    distinct += [] if any(each.is_same_camera(earlier) for earlier in distinct) else [each]
+    return distinct[0] if len(distinct) == 1 else None
+
+
+def _resample_to_color(units: Units, calibration: Calibration, camera: Camera) -> Units:
+    """Depth (h, w) at the colour camera's pixels (H, W), by the nearest pixel, 0 outside; both cameras share a center."""
+    x = (np.arange(camera.width) - camera.cx) / camera.fx * calibration.fx + calibration.cx
+    y = (np.arange(camera.height) - camera.cy) / camera.fy * calibration.fy + calibration.cy
+    columns, rows = np.rint(x).astype(int), np.rint(y).astype(int)
+    height, width = units.shape
+    inside = ((rows >= 0) & (rows < height))[:, None] & ((columns >= 0) & (columns < width))
+    sampled = units[np.ix_(np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1))]
+    return np.where(inside, sampled, units.dtype.type(0))
 
 
 def _missing_camera(folder: Path, files: SceneFiles) -> NoReturn:

@@ -185,6 +185,24 @@ def test_the_colour_camera_is_chosen_of_several(tmp_path: Path, truth: Truth) ->
         read_scene(folder)
 
 
+def test_depth_of_its_own_camera_is_resampled_to_the_photo(tmp_path: Path, truth: Truth) -> None:
+    def matrix(fx: float, fy: float, cx: float, cy: float) -> str:
+        return f"{fx} 0 {cx} 0\n0 {fy} {cy} 0\n0 0 1 0\n0 0 0 1\n"
+
+    folder = write_capture(tmp_path, truth, "color/0.png", "depth/0.png")
+    photo = cv2.resize(truth.rgb, (3 * WIDTH, 3 * HEIGHT + 3), interpolation=cv2.INTER_NEAREST)
+    (folder / "color" / "0.png").write_bytes(png(photo))
+    (folder / "intrinsic").mkdir()
+    (folder / "intrinsic" / "intrinsic_color.txt").write_text(matrix(3 * FX, 3 * FY, 3 * CX + 1, 3 * CY + 1))
+    with pytest.raises(InputError, match="of another shape"):
+        read_scene(folder)
+    (folder / "intrinsic" / "intrinsic_depth.txt").write_text(matrix(FX, FY, CX, CY))
+    frame = read_scene(folder)
+    assert frame.depth.shape == (3 * HEIGHT + 3, 3 * WIDTH)
+    assert np.abs(frame.depth[1::3, 1::3][:HEIGHT] - truth.depth).max() < 1e-6
+    assert any("intrinsic_depth.txt" in note for note in frame.notes)
+
+
 def test_missing_intrinsics_are_asked_for_and_taken_from_the_command_line(tmp_path: Path, truth: Truth) -> None:
     folder = write_capture(tmp_path, truth, "color.png", "depth.png")
     (folder / "notes.txt").write_text("taken on a Monday")
