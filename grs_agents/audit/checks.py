@@ -11,7 +11,7 @@ from grs_agents.audit.scene_checks import check_visibility, list_scene_findings
 from grs_agents.audit.types import AuditFinding, AuditReport
 from grs_agents.base.config.schema import AuditConfig
 from grs_agents.library.library import Library
-from grs_agents.perception.types import SceneDescription
+from grs_agents.perception.types import SEEN_TOO_SPARSELY, SceneDescription
 from grs_agents.sim.instance.task_instance import TaskInstance
 from grs_agents.sim.rollouts import Rollout
 from grs_agents.sim.world.spec import TIMESTEP
@@ -224,8 +224,10 @@ def check_assets_match_task(instances: Sequence[TaskInstance], task: TaskDefinit
 def check_assets_are_in_photo(
     instances: Sequence[TaskInstance], scene: SceneDescription, library: Library
 ) -> AuditFinding:
-    """The finding ``assets_of_scene``: the photo shows each asset, fixtures apart, as often as an instance uses it."""
+    """The finding ``assets_of_scene``: the photo shows each asset, fixtures apart, as often as an instance uses it, and
+    each clearly enough."""
     seen = Counter(item.asset for item in scene.objects)
+    sure = Counter(item.asset for item in scene.objects if not item.is_doubtful)
     fixtures = {asset.name for asset in library.assets() if asset.fixture}
     absent = {
         f"{name} ({count} used, {seen[name]} in the photo)"
@@ -235,11 +237,19 @@ def check_assets_are_in_photo(
         ).items()
         if count > seen[name]
     }
+    doubtful = {
+        name
+        for instance in instances
+        for name, count in Counter(item.asset for item in instance.task_objects).items()
+        if sure[name] < min(count, seen[name])
+    }
     measured = f"the photo shows {len(seen)} assets"
     if absent:
         measured += f"; not there: {', '.join(sorted(absent))}"
+    if doubtful:
+        measured += f"; {SEEN_TOO_SPARSELY} for a task: {', '.join(sorted(doubtful))}"
     bound = "objects must be in the photo, or fixtures that cannot move"
-    return AuditFinding(check="assets_of_scene", passed=not absent, measured=measured, bound=bound)
+    return AuditFinding(check="assets_of_scene", passed=not absent and not doubtful, measured=measured, bound=bound)
 
 
 def check_revision_keeps_objects(

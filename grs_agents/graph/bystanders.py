@@ -99,6 +99,7 @@ def prepare_scene_for_tasks(scene: SceneDescription, library: Library, robot: st
         {
             number: {"pick_trouble": labels.sub(lambda label: names[label.group()], reason)}
             for number, reason in explain_unpickable_objects(sim, episode.task).items()
+            if not scene.objects[number - FIRST_BYSTANDER].is_doubtful
         },
     )
 

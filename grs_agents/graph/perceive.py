@@ -27,7 +27,7 @@ from grs_agents.perception.annotated_pictures import NAMED, draw_object_names
 from grs_agents.perception.background_reconstruction import reconstruct_background
 from grs_agents.perception.coverage import describe_coverage, measure_coverage, raised_pixel_mask
 from grs_agents.perception.depth_quality import (
-    describe_depth_shift,
+    align_depth_with_colors,
     measure_depth_noise,
     measure_stray_light,
     remove_stray_light,
@@ -128,15 +128,12 @@ def read_photo_into_run(state: RunState, services: Services) -> Update:
 
     frame = read_foreign_scene(source, estimate_depth, config.depth.field_of_view, config.camera)
     noise = measure_depth_noise(frame)
-    frame = smooth_depth_noise(frame, noise)
-    doubts = describe_depth_shift(frame)
+    frame = align_depth_with_colors(smooth_depth_noise(frame, noise))
+    doubts: list[str] = []
     if frame.camera.joints is not None:
         require_joints_within_limits(frame.camera.joints, services.robot_name_or_path)
         if frame.camera.T_robot_cam is None:
-            doubts = [
-                *doubts,
-                "camera.json: joints is not used: where the robot is seen is not known without T_robot_cam",
-            ]
+            doubts = ["camera.json: joints is not used: where the robot is seen is not known without T_robot_cam"]
     if frame.camera.arm_is_known:
         arm = render_robot_depth(frame, services.robot_name_or_path, services.library)
         if np.isfinite(arm).any():

@@ -22,7 +22,7 @@ from grs_agents.perception.registration.size_check import (
     enclosing_aabb,
     is_match_certain,
 )
-from grs_agents.perception.segmentation.candidates import fit_asset_to_box
+from grs_agents.perception.segmentation.candidates import explain_doubt, fit_asset_to_box
 from grs_agents.perception.settling.collision_repair import repair_collisions
 from grs_agents.perception.settling.proxy_placement import (
     PlacedProxy,
@@ -260,7 +260,8 @@ def settle_scene(
             box = extend_box_to_support(volume.box)
             proxy = reconstruct_proxy(item, box, volume.shape, own_masks[index], photo, services)
             things.append(PlacedProxy(placed.name, placed.description, volume.shape, box, proxy))
-        scene.append(placed)
+        doubt = "" if item.given else explain_doubt(photo[0], own_masks[index])
+        scene.append(placed.model_copy(update={"pick_trouble": doubt}))
     return replace(
         _simulate_to_rest(scene, things, photo, above | owned, warnings, services), dropped=tuple(dropped), owned=owned
     )

@@ -30,7 +30,7 @@ def scene_for_prompt(scene: SceneDescription, library: Library) -> dict[str, Any
 
     Left out are ``own_size`` if it is ``size``, ``reachable`` unless it is false, and ``hollow``, ``floats`` and
     ``uneven_top`` unless they are true; the top of a library asset is known by its name. ``cannot_be_picked`` is the
-    reason why the robot failed to pick the object.
+    reason why the robot failed to pick the object, or why no task may use it.
     """
     objects: list[dict[str, Any]] = []
     for item in scene.objects:
@@ -54,7 +54,7 @@ def scene_for_prompt(scene: SceneDescription, library: Library) -> dict[str, Any
             fields["reachable"] = False
         if item.held:
             fields["floats"] = True
-        elif item.reachable and item.pick_trouble:
+        elif item.pick_trouble and (item.reachable or item.is_doubtful):
             fields["cannot_be_picked"] = item.pick_trouble
         is_proxy = asset.category == "proxy" and not asset.hollow
         if is_proxy and _flat_top_share_of_footprint(asset, pose, library) < _FLAT:

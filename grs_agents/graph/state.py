@@ -172,7 +172,7 @@ class RunState(TypedDict):
     camera: Camera  # that took the photo
     table: TableFrame  # the table and the robot frame laid on it
     objects: list[TableObject]  # the segments that may be objects: placed, pending or dropped
-    left_out: str  # mask file of pixels that are neither table nor candidate: the robot, walls of a bin
+    left_out: str  # mask file of pixels that are neither table nor candidate, such as the robot
     robot: str  # mask file of the pixels that are known to show the robot
     blur: str  # mask file of pixels beside candidates that have their depth, but not their colour
     dropped: list[DroppedCandidate]  # the segments that are no object, with the reasons

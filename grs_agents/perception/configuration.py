@@ -315,7 +315,6 @@ class SceneryFilter:
     """Segments that are no objects by their position."""
 
     samples: int = 2_000  # points of a region to which a flat surface is fitted
-    cut: float = 0.2  # largest share of a bin's walls within larger segments: of 10 bins 0, of 5 piles at least 0.3
     flat: float = 0.5  # least share of a region on one plane that is a wall or furniture
     base: float = 0.0  # x of the robot's base: segments with their middle behind it are left out
     beyond: float = 0.25  # distance of a segment's middle from the workspace beyond which it is left out
@@ -331,8 +330,6 @@ class SceneryFilter:
     segments: float = 0.1  # largest share of other segments in the border of a blurred edge,
     borders: float = 0.04  # and least share of table,
     table: float = 0.008  # m: below which a pixel is table
-    mixed: float = 0.65  # least share of a segment that mixes robot and wall; less is an object that the robot occludes
-    level: float = 0.005  # m: range of the upper half of a level top, which mixtures lack
 
 
 @dataclass(frozen=True)

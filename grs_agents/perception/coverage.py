@@ -21,7 +21,7 @@ from grs_agents.perception.image_geometry import (
     pixels_in_mask,
     share_of_borders,
 )
-from grs_agents.perception.segmentation.low_surfaces import find_enclosed_floors, find_low_things
+from grs_agents.perception.segmentation.low_surfaces import find_enclosed_floors
 from grs_agents.perception.segmentation.patch_cutting import foreground_pixel_mask, smooth_frame_depth
 from grs_agents.perception.segmentation.segmentation import is_sensor_noise
 from grs_agents.perception.table_finding import pixels_to_robot_frame, robot_frame_point_map
@@ -53,8 +53,8 @@ class MeasuredCoverage:
 def raised_pixel_mask(
     frame: RGBDFrame, table: TableFrame, left_out: Mask | None = None, robot: Mask | None = None
 ) -> Mask:
-    """(H, W) raised pixels, without those ``left_out`` (H, W), which are the ``robot`` (H, W) and walls of a bin, and
-    without their blurred edges."""
+    """(H, W) raised pixels, without those ``left_out`` (H, W), such as the ``robot`` (H, W), and without their blurred
+    edges."""
     small, factor = downscale_frame(frame)
     smooth = smooth_frame_depth(small)
     points = robot_frame_point_map(smooth, table)
@@ -83,7 +83,6 @@ def raised_pixel_mask(
     beside, blurred_beside = (share_of_borders(floors, above & pixels) for pixels in (clear, ~clear))
     floors[((beside == 0) & (blurred_beside > 0))[floors]] = 0
     above |= floors > 0
-    above |= find_low_things(small, table, above | scenery) > 0
     feet = above & clear  # not of the blur beside the robot
     for _ in range(CONFIG.foot):
         feet = feet | (np.asarray(cv2.dilate(feet.astype(np.uint8), KERNEL), np.bool_) & low & ~scenery)

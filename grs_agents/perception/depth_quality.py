@@ -1,8 +1,8 @@
 """Faults of measured depth: noise, a shift against the colours, and stray light of the robot.
 
 Noise beyond that of a usual camera is smoothed. A wrong registration of both cameras, which puts each object's colours
-on its surroundings, is noted. Stray light is removed: an arm near a time-of-flight camera returns so much more light
-than the table that its part that scatters in the lens lifts the table by centimetres.
+on its surroundings, is undone as far as a shift can. Stray light is removed: an arm near a time-of-flight camera
+returns so much more light than the table that its part that scatters in the lens lifts the table by centimetres.
 
 Stray light: Mure-Dubois and Hügli, "Real-time scattering compensation for time-of-flight camera", ICVS workshop on
 camera calibration methods, 2007. The scattered light is the picture under a wide Gaussian, whose share and width are
@@ -116,15 +116,18 @@ def measure_depth_shift(frame: RGBDFrame) -> DepthShift | None:
     return DepthShift(shift[0] * cell, shift[1] * cell, min(gain, 1.0))
 
 
-def describe_depth_shift(frame: RGBDFrame) -> list[str]:
-    """A note on a significant shift between depth and colour; else none."""
+def align_depth_with_colors(frame: RGBDFrame) -> RGBDFrame:
+    """The frame with its depth moved onto the outlines in colour, and a note; unchanged without a significant shift."""
     shift = measure_depth_shift(frame)
     if shift is None or not shift.is_significant:
-        return []
-    return [
-        f"the depth lies {shift} of where the colours show the same outlines: register the depth to the color camera, "
-        "or objects get the colors of what is beside them"
-    ]
+        return frame
+    offset = np.array([[1, 0, shift.columns], [0, 1, shift.rows]], np.float32)
+    depth = cv2.warpAffine(frame.depth, offset, frame.depth.shape[::-1], flags=cv2.INTER_NEAREST)
+    note = (
+        f"the depth lay {shift} of where the colours show the same outlines, and is moved by as much: register the "
+        "depth to the color camera"
+    )
+    return replace(frame, depth=np.asarray(depth, np.float32), notes=(*frame.notes, note))
 
 
 @dataclass(frozen=True)

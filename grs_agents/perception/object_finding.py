@@ -1,4 +1,4 @@
-"""Objects on the table: segments by a tool, without robot, bin walls, arms, and surroundings of the workspace."""
+"""Objects on the table: segments by a tool, without robot, arms, and surroundings of the workspace."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -6,9 +6,6 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from grs_agents.base.errors import InputError
-from grs_agents.perception.bin_walls.bin_walls import find_bin_walls
-from grs_agents.perception.bin_walls.walls import SeenWalls
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.coverage import measure_coverage, raised_pixel_mask
 from grs_agents.perception.image_geometry import compute_percentiles
@@ -23,7 +20,6 @@ from grs_agents.perception.working_resolution import downscale_frame, downscale_
 CONFIG = DEFAULT.scenery
 ROBOT = "the robot, at the joints that camera.json gives"
 ENTERING = "comes in from above or from beyond the picture: an arm, a hand or a lamp"
-WALL = "the walls of a bin around the things"
 SURROUNDINGS = "a wall or furniture: flat, larger than an object, and cut by the picture's border"
 
 
@@ -52,62 +48,35 @@ def find_objects(
         frame: the photo.
         table: the table in it.
         robot: (H, W) pixels known to show the robot.
-        segment: a segment tool; its frame lacks the depth of the robot and of a bin's walls.
+        segment: a segment tool; its frame lacks the depth of the robot.
     """
-    walls = find_bin_walls(frame, table, robot)
-    if walls.pixels.any():
-        candidates = _segment_or_nothing(_without_depth(frame, robot), segment)
-        # Masks of the user overrule walls. Walls in a pile are sides of its objects.
-        if any(candidate.given for candidate in candidates) or _cut_share(walls.pixels, candidates) > CONFIG.cut:
-            walls = SeenWalls(np.zeros_like(robot), np.zeros_like(robot))
-    candidates = segment(_without_depth(frame, robot | walls.pixels))
-    found = separate_scenery_from_objects(candidates, robot, walls, frame, table)
+    seen = replace(frame, depth=np.where(robot, np.float32(0), frame.depth)) if robot.any() else frame
+    found = separate_scenery_from_objects(segment(seen), robot, frame, table)
     objects = fit_masks_to_color(found.objects, frame, found.left_out)
     nothing = np.zeros_like(robot)
     blur = unite_mask_with_candidates(nothing, found.objects) & ~unite_mask_with_candidates(nothing, objects)
     return FoundObjects(objects, found.reasons, found.left_out, blur)
 
 
-def _segment_or_nothing(frame: RGBDFrame, segment: Callable[[RGBDFrame], Sequence[Candidate]]) -> Sequence[Candidate]:
-    """The candidates, none if the walls of a bin hold all objects in a segment that is too large."""
-    try:
-        return segment(frame)
-    except InputError:
-        return ()
-
-
-def _cut_share(walls: Mask, candidates: Sequence[Candidate]) -> float:
-    """Share of the ``walls`` (H, W) that lies in segments of which it is the smaller part."""
-    shared = [(np.count_nonzero(item.mask & walls), np.count_nonzero(item.mask)) for item in candidates]
-    return sum(common for common, whole in shared if common < 0.5 * whole) / np.count_nonzero(walls)
-
-
-def _without_depth(frame: RGBDFrame, known: Mask) -> RGBDFrame:
-    return replace(frame, depth=np.where(known, np.float32(0), frame.depth)) if known.any() else frame
-
-
 def separate_scenery_from_objects(
-    candidates: Sequence[Candidate], robot: Mask, walls: SeenWalls, frame: RGBDFrame, table: TableFrame
+    candidates: Sequence[Candidate], robot: Mask, frame: RGBDFrame, table: TableFrame
 ) -> SortedCandidates:
     """Separate objects from surroundings, at the photo's working size.
 
-    No objects are the robot, the walls of a bin, segments or unsegmented regions behind the base of a calibrated robot,
-    beyond its workspace or beyond the simulated table, those that enter from above or from beyond the picture, and
-    walls and furniture behind the objects.
+    No objects are the robot, segments or unsegmented regions behind the base of a calibrated robot, beyond its
+    workspace or beyond the simulated table, those that enter from above or from beyond the picture, and walls and
+    furniture behind the objects.
 
     Args:
         candidates: the segments, robot frame.
         robot: (H, W) pixels known to show the robot.
-        walls: the walls of a bin in the photo.
         frame: the photo.
         table: the table in it.
     """
     small, factor = downscale_frame(frame)
     points = robot_frame_point_map(small, table)
-    known = robot | walls.pixels
     reduced = [replace(item, mask=downscale_mask(item.mask, factor)) for item in candidates if not item.given]
     small_robot = downscale_mask(robot, factor)
-    seen = replace(walls, pixels=downscale_mask(walls.pixels, factor), mixed=downscale_mask(walls.mixed, factor))
     owned = unite_mask_with_candidates(np.zeros_like(small_robot), reduced)
     shift = shift_to_workspace(table, candidates)
     why: dict[int, str] = {}
@@ -120,21 +89,12 @@ def separate_scenery_from_objects(
     if small_robot.any():
         distance = np.asarray(cv2.distanceTransform((~small_robot).astype(np.uint8), cv2.DIST_L2, 5), np.float64)
         why |= {item.id: ROBOT for item in reduced if _is_robot(item.mask, distance, points[..., 2], owned)}
-    for item in reduced:
-        heights = points[item.mask, 2]
-        measured = np.isfinite(heights)
-        is_mixed = seen.mixed[item.mask][measured].sum() > CONFIG.mixed * measured.sum() and measured.any()
-        if is_mixed:  # of robot and wall, unless its top is level
-            middle, top = np.percentile(heights[measured], (50, 98))
-            is_mixed = top - middle > CONFIG.level
-        if is_mixed or seen.has_as_rim(points[item.mask], points[owned & ~item.mask]):
-            why[item.id] = WALL
     why = {item.id: why[item.id] for item in reduced if item.id in why}  # in the order of the segments
-    left_out = unite_mask_with_candidates(known, [item for item in candidates if item.id in why])
+    left_out = unite_mask_with_candidates(robot, [item for item in candidates if item.id in why])
     owned = unite_mask_with_candidates(left_out, [item for item in candidates if item.id not in why])
-    reasons = [*([ROBOT] if robot.any() else []), *([WALL] if walls.pixels.any() else []), *why.values()]
+    reasons = [*([ROBOT] if robot.any() else []), *why.values()]
     above = raised_pixel_mask(small, table, downscale_mask(left_out, factor))
-    surfaces = _fit_surroundings(seen.pixels, small, points)
+    surfaces: list[Plane] = []
     for mask, region in measure_coverage(small, table, above, downscale_mask(owned, factor)).regions:
         behind = _fit_surroundings(mask, small, points)
         x, y, _ = region.box.center + shift

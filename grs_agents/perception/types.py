@@ -4,7 +4,7 @@ The workspace is where the arm works: on the table in front of its base, within 
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Final, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -264,6 +264,10 @@ class MatchEvidence(Frozen):
     reason: str = ""  # in words
 
 
+SEEN_TOO_SPARSELY: Final = "seen too sparsely"
+"""Beginning of the `SceneObject.pick_trouble` of an object of which no task can be sure."""
+
+
 class SceneObject(Frozen):
     """An object of the scene, with its asset or proxy."""
 
@@ -290,10 +294,16 @@ class SceneObject(Frozen):
     drift: float | None = None  # distance of its centre from there to ``position``, m
     held: bool = False  # it would fall, in the twin or in the world of its tasks, and is fixed in the air
     stands_in_robot: bool = False  # overlaps the robot in the world of its tasks, and is left out there
-    pick_trouble: str = ""  # reason why the robot fails to pick it in a trial; empty if it can
+    # reason why the robot fails to pick it in a trial, or why no task can be sure of it; empty if it can
+    pick_trouble: str = ""
     match: MatchEvidence | None = None  # scores, runner-up and reason of the match
     # the measured box along its own axes; ``None`` in older descriptions
     upright: UprightBox | None = None
+
+    @property
+    def is_doubtful(self) -> bool:
+        """True for a bystander that no task may use: the photo shows too little of it to tell it from noise."""
+        return self.pick_trouble.startswith(SEEN_TOO_SPARSELY)
 
 
 class DroppedCandidate(Frozen):
@@ -332,7 +342,7 @@ class UnownedRegion(Frozen):
 
 
 class Coverage(Frozen):
-    """Share of the raised pixels (above the table, without the robot and the walls of a bin) that belong to objects."""
+    """Share of the raised pixels (above the table, without the robot) that belong to objects."""
 
     share: Share  # of the measured raised pixels
     unowned: tuple[UnownedRegion, ...] = ()  # the largest first

@@ -102,7 +102,7 @@ def rollouts(**measured: Any) -> list[Rollout]:
     return [rollout(seed, **measured) for seed in range(3)]
 
 
-def scene(*assets: str) -> SceneDescription:
+def scene(*assets: str, doubtful: tuple[str, ...] = ()) -> SceneDescription:
     frame: dict[str, Any] = {
         "T_robot_cam": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
         "origin": "calibrated",
@@ -126,6 +126,7 @@ def scene(*assets: str) -> SceneDescription:
             "evidence": "",
             "mask": "m",
             "crop": "c",
+            "pick_trouble": "seen too sparsely" if asset in doubtful else "",
         }
         for number, asset in enumerate(assets)
     ]
@@ -219,6 +220,7 @@ def test_a_good_task_is_accepted() -> None:
         ({"instances": [instance(0, MILK, CAN, ZONE)], "failures": ["seed 1: timeout"]}, {"instantiated"}),
         ({"instances": [instance(seed, MILK, CAN) for seed in range(3)]}, {"assets_of_task"}),
         ({"scene": scene(MILK)}, {"assets_of_scene"}),
+        ({"scene": scene(MILK, CAN, doubtful=(CAN,))}, {"assets_of_scene"}),
         (
             {"instances": [instance(seed, MILK, CAN, MILK, ZONE) for seed in range(3)]},
             {"assets_of_scene"},
@@ -247,6 +249,7 @@ def test_a_good_task_is_accepted() -> None:
         "timeout",
         "unused",
         "not there",
+        "hardly seen",
         "twice",
     ],
 )

@@ -92,6 +92,17 @@ def test_the_scene_tells_what_the_robot_cannot_pick(state: RunState) -> None:
     assert {name: why for name, why in told.items() if why} == troubles
 
 
+def test_an_object_seen_too_sparsely_stays_a_bystander_that_the_authors_are_told_to_leave(state: RunState) -> None:
+    doubt = "seen too sparsely to be sure of it: 120 measured pixels, 4.1 cm2"
+    near, covered, on_it = moved(4, 0.6, -0.3), moved(5, 0.35, -0.3), moved(6, 0.35, -0.3, 0.06)
+    for item in (near, covered):
+        item["pick_trouble"] = doubt
+    scene = prepare_scene_for_tasks(scene_of(state, near, covered, on_it), Library(), "ur5e")
+    assert [item.pick_trouble for item in scene.objects] == ["", "", "", doubt, doubt, ""]
+    assert [item.id for item in photo_objects(scene, Library())][3:] == [50_003, 50_004, 50_005]
+    assert [item.get("cannot_be_picked") for item in scene_for_prompt(scene, Library())["objects"]][3:5] == [doubt] * 2
+
+
 def test_what_stands_where_the_robot_does_is_left_out(state: RunState) -> None:
     wide = {"low": (-0.15, -0.1, 0.05), "high": (0.15, 0.1, 0.12)}
     state_of_all = scene_of(state, moved(4, 0.0, 0.0, 0.1, held=True, box=wide))

@@ -117,6 +117,17 @@ def test_an_asset_that_can_only_be_where_another_stands_gives_way_to_a_proxy(see
     assert len(found.objects) + len(found.dropped) == 2
 
 
+@pytest.mark.parametrize("given", [False, True])
+def test_no_task_is_sure_of_an_object_seen_too_sparsely_unless_the_user_gave_its_mask(seen: Seen, given: bool) -> None:
+    file = seen.services.folder / seen.block.mask
+    mask = load_mask(file)
+    cv2.imwrite(str(file), (mask & (np.cumsum(mask.ravel()).reshape(mask.shape) <= 90)).astype(np.uint8) * 255)
+    block = seen.block.model_copy(update={"given": given})
+    carton, found = stood(seen, [seen.thing(seen.lower, None, []), seen.thing(block, None, ["red_thing_1"])]).objects
+    assert not carton.is_doubtful
+    assert found.is_doubtful != given
+
+
 def test_what_falls_off_another_thing_is_held(tmp_path: Path) -> None:
     """A long box that only just lies on a carton, with nothing but air below the rest of it."""
     carton, beam = standing(MILK, 0.5, -0.09), standing(SPAGHETTI, 0.5, 0.03, above=0.19)

@@ -67,6 +67,18 @@ def test_what_is_covered_held_or_out_of_reach_is_left_where_it_stands() -> None:
         assert used == {"proxy/high_1.urdf", "proxy/free_1.urdf"}
 
 
+def test_what_is_seen_too_sparsely_is_left_where_it_stands() -> None:
+    doubt = "seen too sparsely to be sure of it: 120 measured pixels, 4.1 cm2"
+    scene = {
+        "objects": [
+            scene_object("sure_1", (0.4, 0.0), (0.05, 0.05, 0.05)),
+            {**scene_object("speck_1", (0.4, 0.2), (0.05, 0.05, 0.05)), "cannot_be_picked": doubt},
+        ]
+    }
+    for seed in range(8):
+        assert set(task_for(scene, seed)["assets-used"]) & assets_of(scene) == {"proxy/sure_1.urdf"}
+
+
 def test_targets_are_free_of_all_that_stands_there() -> None:
     # Of the whole table only the part beyond y = 0.1 is free.
     wall = [scene_object(f"wall_{n}", (0.5, -0.45 + 0.1 * n), (0.5, 0.1, 0.3)) for n in range(6)]

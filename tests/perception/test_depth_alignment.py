@@ -1,4 +1,4 @@
-"""Depth that is shifted against the colours of its photo is noticed, and by how much."""
+"""Depth that is shifted against the colours of its photo is moved back."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grs_agents.perception.depth_quality import describe_depth_shift, measure_depth_shift
+from grs_agents.perception.depth_quality import align_depth_with_colors, measure_depth_shift
 from grs_agents.perception.reading.scene_source import read_scene
 from grs_agents.perception.types import RGBDFrame
 from tests.perception import room
@@ -21,20 +21,24 @@ def _shift_depth(frame: RGBDFrame, columns: int, rows: int) -> RGBDFrame:
 
 
 @pytest.mark.parametrize(("columns", "rows"), [(9, 0), (0, -7), (-12, 10), (20, 5)])
-def test_a_shift_is_measured(columns: int, rows: int) -> None:
+def test_a_shift_is_measured_and_undone(columns: int, rows: int) -> None:
     frame, _, _ = room.photo(room.camera(width=640, height=480), 0.001)
-    assert not describe_depth_shift(frame)
-    shift = measure_depth_shift(_shift_depth(frame, columns, rows))
+    assert align_depth_with_colors(frame) is frame
+    shifted = _shift_depth(frame, columns, rows)
+    shift = measure_depth_shift(shifted)
     assert shift and shift.is_significant
     # Near sides of jumps lie a little inside an object's outline, above all at its top.
     assert np.hypot(shift.columns + columns, shift.rows + rows) <= 3.5
-    (note,) = describe_depth_shift(_shift_depth(frame, columns, rows))
+    aligned = align_depth_with_colors(shifted)
+    (note,) = aligned.notes
     assert f"to the {'right' if columns > 3 else 'left'}" in note or abs(columns) < 3
+    assert measure_depth_shift(aligned) is None
+    assert np.count_nonzero(aligned.depth) > 0.9 * np.count_nonzero(shifted.depth)
 
 
 def test_real_cameras_are_calibrated_well_enough(real_scenes: Path) -> None:
     for path in sorted(real_scenes.glob("*_[0-9]")) + sorted(real_scenes.glob("osd_*[05]")):
         frame = read_scene(path)
-        assert not describe_depth_shift(frame), path.name
+        assert align_depth_with_colors(frame) is frame, path.name
         shift = measure_depth_shift(_shift_depth(frame, 8, -6))
         assert shift and shift.is_significant and np.hypot(shift.columns + 8, shift.rows - 6) <= 3, path.name

@@ -1,4 +1,4 @@
-"""What is no object: the robot, the walls of a bin, what lies behind the base or beyond the workspace."""
+"""What is no object: the robot, what lies behind the base or beyond the workspace."""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -10,8 +10,6 @@ import pytest
 
 from grs_agents.base.errors import InputError
 from grs_agents.library.library import Library
-from grs_agents.perception.bin_walls.bin_walls import find_bin_walls
-from grs_agents.perception.bin_walls.walls import SeenWalls
 from grs_agents.perception.coverage import measure_coverage, raised_pixel_mask
 from grs_agents.perception.object_finding import (
     SURROUNDINGS,
@@ -30,10 +28,6 @@ from grs_agents.sim.rendering.pictures import render_along_rays
 from tests.perception import room
 
 HOME = tuple(float(joint) for joint in get_arm().home_joints)
-WALLS = ((0.3, -0.3, 0.72, -0.29), (0.3, 0.29, 0.72, 0.3), (0.3, -0.29, 0.31, 0.29), (0.71, -0.29, 0.72, 0.29))
-"""Lowest and highest x and y of the walls of a bin, m."""
-FARTHEST = 1
-"""The side of the wall that is farthest from the robot."""
 
 
 def photo_of_arm(joints: tuple[float, ...] | None) -> tuple[RGBDFrame, np.ndarray]:
@@ -92,9 +86,7 @@ def sorted_out(boxes: np.ndarray, parts: list[tuple[int, ...]], factor: int = 1)
     for number, part in enumerate(parts, 1):
         labels[np.isin(owner, part)] = number
     robot = np.zeros(owner.shape, bool)
-    walls = find_bin_walls(frame, table, robot)
-    seen = RGBDFrame(frame.rgb, np.where(walls.pixels, np.float32(0), frame.depth), frame.camera, frame.source)
-    found = separate_scenery_from_objects(measure_candidates(seen, table, labels), robot, walls, frame, table)
+    found = separate_scenery_from_objects(measure_candidates(frame, table, labels), robot, frame, table)
     kept = [int(np.bincount(labels[one.mask]).argmax()) for one in found.objects]
     assert [one.id for one in found.objects] == list(range(1, len(kept) + 1))
     assert found.left_out.shape == owner.shape
@@ -105,46 +97,6 @@ def sorted_out(boxes: np.ndarray, parts: list[tuple[int, ...]], factor: int = 1)
 def with_boxes(*boxes: tuple[tuple[float, float, float], tuple[float, float, float]]) -> np.ndarray:
     """The room's boxes and others."""
     return np.concatenate([room.BOXES, np.array(boxes)])
-
-
-@pytest.mark.parametrize("parts", [[(4,), (5,), (6, 7, 8, 9)], [(4,), (5,)]], ids=["segmented", "not segmented"])
-@pytest.mark.parametrize("factor", [1, 3])
-def test_walls_of_a_bin_are_no_object(parts: list[tuple[int, ...]], factor: int) -> None:
-    walls = [((x, y, 0.0), (far, wide, 0.08)) for x, y, far, wide in WALLS]
-    kept, reasons = sorted_out(with_boxes(*walls), parts, factor)
-    assert kept == [1, 2]
-    assert len(reasons) == 1 and "bin" in reasons[0]
-
-
-def test_a_segment_that_mixes_the_robot_with_a_wall_is_no_object() -> None:
-    frame, owner = room_photo(room.BOXES.tobytes(), 1)
-    table, nothing = find_table(frame, np.random.default_rng(0)), np.zeros(owner.shape, bool)
-    top = (owner == 4) & (robot_frame_point_map(frame, table)[..., 2] > 0.117)
-    found = {}
-    for share, own in ((0.4, owner == 4), (1.0, owner == 4), (0.9, top)):
-        mixed = own & (np.cumsum(own.ravel()).reshape(own.shape) <= share * np.count_nonzero(own))
-        labels = np.where(own, 1, np.where(owner == 5, 2, 0)).astype(np.int32)
-        parts = measure_candidates(frame, table, labels)
-        found[share] = separate_scenery_from_objects(parts, nothing, SeenWalls(mixed, mixed), frame, table)
-    assert [len(one.objects) for one in found.values()] == [2, 1, 2]  # a level top is a thing's
-    assert found[1.0].left_out[owner == 4].all() and "bin" in found[1.0].reasons[0]
-
-
-@pytest.mark.parametrize(("low", "high", "is_wall"), [(0.07, 0.09, True), (0.02, 0.09, False), (0.03, 0.05, False)])
-def test_what_the_robot_leaves_of_a_rim_is_no_object(low: float, high: float, is_wall: bool) -> None:
-    frame, owner = room_photo(with_boxes(*(((x, y, 0.0), (far, wide, 0.08)) for x, y, far, wide in WALLS)).tobytes(), 1)
-    table, nothing = find_table(frame, np.random.default_rng(0)), np.zeros(owner.shape, bool)
-    points = robot_frame_point_map(frame, table)
-    shown = (owner == 9) & (np.abs(points[..., 1]) < 0.1) & (points[..., 2] > low) & (points[..., 2] < high)
-    found = find_bin_walls(frame, table, nothing)
-    hidden = next(wall for wall in found.walls if wall.side == FARTHEST)
-    labels = np.where(owner == 4, 1, np.where(owner == 5, 2, 0)).astype(np.int32)
-    labels[shown] = 3
-    walls = replace(found, pixels=nothing, mixed=nothing, walls=tuple(set(found.walls) - {hidden}))
-    parts = measure_candidates(frame, table, labels)
-    left = separate_scenery_from_objects(parts, nothing, walls, frame, table)
-    assert len(parts) == 3
-    assert len(left.objects) == 3 - is_wall
 
 
 def test_a_thing_that_others_stand_beside_is_an_object() -> None:
@@ -176,8 +128,7 @@ def test_only_a_strip_that_fades_into_the_table_is_the_blurred_edge_of_the_robot
     if not into_table:  # but into what is another segment
         labels[(cv2.dilate(labels.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0) & ~box] = 2
     parts = measure_candidates(seen, table, labels)
-    nowhere = np.zeros(owner.shape, bool)
-    found = separate_scenery_from_objects(parts, box & ~strip, SeenWalls(nowhere, nowhere), seen, table)
+    found = separate_scenery_from_objects(parts, box & ~strip, seen, table)
     assert len(parts) == labels.max()
     assert any(one.mask[strip].any() for one in found.objects) == (not fades or not into_table)
 
@@ -185,10 +136,10 @@ def test_only_a_strip_that_fades_into_the_table_is_the_blurred_edge_of_the_robot
 @pytest.mark.parametrize(("wide", "is_object"), [(3, False), (7, True)])
 def test_what_is_thin_and_beside_the_robot_is_its_edge(wide: int, is_object: bool) -> None:
     frame, owner = room_photo(room.BOXES.tobytes(), 1)
-    table, box, nowhere = find_table(frame, np.random.default_rng(0)), owner == 4, np.zeros(owner.shape, bool)
+    table, box = find_table(frame, np.random.default_rng(0)), owner == 4
     strip = box & (np.cumsum(box[:, ::-1], axis=1)[:, ::-1] <= wide)
     parts = measure_candidates(frame, table, strip.astype(np.int32))
-    found = separate_scenery_from_objects(parts, box & ~strip, SeenWalls(nowhere, nowhere), frame, table)
+    found = separate_scenery_from_objects(parts, box & ~strip, frame, table)
     assert len(parts) == 1
     assert len(found.objects) == is_object
 
@@ -219,9 +170,9 @@ def test_how_near_to_the_arm_things_are_told_from_it_depends_on_the_calibration(
 
 def test_a_hole_in_the_depth_of_the_arm_is_the_robot() -> None:
     frame, owner = room_photo(room.BOXES.tobytes(), 1)
-    table, nowhere = find_table(frame, np.random.default_rng(0)), np.zeros(owner.shape, bool)
+    table = find_table(frame, np.random.default_rng(0))
     parts = measure_candidates(frame, table, np.where(owner == 4, 1, np.where(owner == 5, 2, 0)).astype(np.int32))
-    found = separate_scenery_from_objects(parts, owner == 4, SeenWalls(nowhere, nowhere), frame, table)
+    found = separate_scenery_from_objects(parts, owner == 4, frame, table)
     assert len(found.objects) == 1 and "joints" in found.reasons[0]
     assert found.left_out[owner == 4].all() and not found.left_out[owner == 5].any()
 
@@ -253,23 +204,9 @@ def test_a_patch_of_a_wall_is_no_object() -> None:
     poster = (owner == 3) & below_rim & (np.abs(np.arange(640) - 100) < 25)
     labels = np.where(poster, 3, np.where(np.isin(owner, (1, 2)), owner, 0)).astype(np.int32)
     parts = measure_candidates(frame, table, labels)
-    found = separate_scenery_from_objects(parts, nowhere, SeenWalls(nowhere, nowhere), frame, table)
+    found = separate_scenery_from_objects(parts, nowhere, frame, table)
     assert len(parts) == 3 and len(found.objects) == 2
     assert found.reasons == (SURROUNDINGS,) and found.left_out[poster].all()
-
-
-def test_sides_of_larger_segments_are_no_walls_of_a_bin() -> None:
-    walls = [((x, y, 0.0), (far, wide, 0.05)) for x, y, far, wide in WALLS]
-    frame, owner = room_photo(with_boxes(*walls).tobytes(), 1)
-    table, robot = find_table(frame, np.random.default_rng(0)), np.zeros(owner.shape, bool)
-    assert find_bin_walls(frame, table, robot).pixels.any()
-    x, y, _ = np.moveaxis(robot_frame_point_map(frame, table), -1, 0)
-    within = (x > 0.29) & (x < 0.73) & (np.abs(y) < 0.31)
-    halves = np.where(within, np.where(y > 0, 1, 2), 0).astype(np.int32)
-    found = find_objects(frame, table, robot, lambda photo: measure_candidates(photo, table, halves))
-    assert found.reasons == () and not found.left_out.any()
-    whole = [np.isin(owner, range(6, 10)) & (halves == number) for number in (1, 2)]
-    assert all((item.mask & walls).sum() > 0.9 * walls.sum() for item, walls in zip(found.objects, whole, strict=True))
 
 
 def test_objects_far_beyond_the_simulated_table_are_left_out() -> None:
@@ -280,6 +217,6 @@ def test_objects_far_beyond_the_simulated_table_are_left_out() -> None:
     table = find_table(frame, np.random.default_rng(0))
     parts = measure_candidates(frame, table, np.maximum(owner, 0).astype(np.int32))
     nowhere = np.zeros(owner.shape, bool)
-    found = separate_scenery_from_objects(parts, nowhere, SeenWalls(nowhere, nowhere), frame, table)
+    found = separate_scenery_from_objects(parts, nowhere, frame, table)
     assert len(parts) == 3
     assert len(found.objects) == 2 and all("beyond the simulated table" in reason for reason in found.reasons)

@@ -260,7 +260,7 @@ def rank_movable_objects(objects: Sequence[PromptObject]) -> list[list[PromptObj
     labels first, are moved to a free part of the table.
     """
     called = count_called(objects)
-    loose = [obj for obj in objects if is_uncovered_object(obj, objects)]
+    loose = [obj for obj in objects if is_uncovered_object(obj, objects) and not obj.is_doubtful]
     usable = [obj for obj in filter(is_pickable_object, loose) if is_reachable_object(obj)]
     sure = [obj for obj in usable if is_hard_to_topple(obj) and obj.is_flat_topped]
     ranked = [

@@ -138,6 +138,7 @@ class PromptObject:
     floats: bool = False  # held at its place, since the photo does not show its support
     uneven_top: bool = False  # other objects would tip on it
     can_be_picked: bool = True  # the robot picked it at its place in a trial
+    is_doubtful: bool = False  # the photo shows too little of it for a task
     relocated: bool = False  # the program puts it elsewhere than the photo
     height: str = ""  # `tall`, `tallest`, `low` or `lowest`, if that distinguishes it from its kind and colour
 
@@ -207,6 +208,7 @@ def parse_scene_objects(scene: Json) -> list[PromptObject]:
                 floats=bool(entry.get("floats")),
                 uneven_top=bool(entry.get("uneven_top")),
                 can_be_picked=not entry.get("cannot_be_picked"),
+                is_doubtful="too sparsely" in str(entry.get("cannot_be_picked")),
             )
         )
     heights: list[str] = []

@@ -138,7 +138,7 @@ def _find_depth_calibration(folder: Path, files: SceneFiles, size: tuple[int, in
 
 
 def _resample_to_color(units: Units, calibration: Calibration, camera: Camera) -> Units:
-    """Depth (h, w) at the colour camera's pixels (H, W), by the nearest pixel, 0 outside; both cameras share a center."""
+    """Depth (h, w) at the pixels of a colour camera (H, W) of the same center, by the nearest pixel; 0 outside."""
     x = (np.arange(camera.width) - camera.cx) / camera.fx * calibration.fx + calibration.cx
     y = (np.arange(camera.height) - camera.cy) / camera.fy * calibration.fy + calibration.cy
     columns, rows = np.rint(x).astype(int), np.rint(y).astype(int)

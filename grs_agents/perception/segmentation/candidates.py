@@ -32,6 +32,7 @@ from grs_agents.perception.segmentation.footprints import (
 )
 from grs_agents.perception.table_finding import describe_table_doubts, matrix_to_tuples, pixels_to_robot_frame
 from grs_agents.perception.types import (
+    SEEN_TOO_SPARSELY,
     Aabb,
     Array,
     Candidate,
@@ -167,6 +168,17 @@ def _fit_footprint(
         diameter = (float(length) + float(width)) / 2
         return "cylinder", (float(x), float(y)), (diameter, diameter), 0.0, True
     return "box", *fit_smallest_rectangle(inner), False
+
+
+def explain_doubt(frame: RGBDFrame, mask: Mask) -> str:
+    """Reason why no task can be sure of the object of a mask (H, W): its measured pixels are few, or cover a small
+    area across the view. Empty if tasks can be sure of it."""
+    depth = frame.depth[mask]
+    depth = depth[depth > 0].astype(np.float64)
+    area = float((depth**2).sum()) / (frame.camera.fx * frame.camera.fy)
+    if len(depth) >= CONFIG.sure_pixels * mask.size and area >= CONFIG.sure_area:
+        return ""
+    return f"{SEEN_TOO_SPARSELY} to be sure of it: {len(depth)} measured pixels, {area * 1e4:.1f} cm2"
 
 
 def crop_segment(

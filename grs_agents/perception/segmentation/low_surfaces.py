@@ -1,73 +1,19 @@
-"""Surfaces below the noise of a pixel: low things free on the table, such as pens, and floors enclosed by walls.
-
-Averages over many pixels reveal them: a low thing rises above the table right around it, and a floor of a box, tray or
-plate above the table plane.
-"""
+"""Floors of boxes, trays and plates: enclosed by walls, and above the table by less than the noise of a pixel. Averages
+over many pixels reveal them."""
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from grs_agents.perception.configuration import DEFAULT
-from grs_agents.perception.depth_quality import NORMAL
 from grs_agents.perception.image_geometry import (
     Labels,
     label_connected_components,
     pixels_by_label,
-    points_in_hull_mask,
     share_of_borders,
 )
-from grs_agents.perception.segmentation.configuration import EnclosedFloors, LowThings
-from grs_agents.perception.segmentation.patch_cutting import find_table_hull
+from grs_agents.perception.segmentation.configuration import EnclosedFloors
 from grs_agents.perception.table_finding import robot_frame_point_map
 from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame
-
-
-def find_low_things(
-    frame: RGBDFrame, table: TableFrame, taken: Mask, config: LowThings = DEFAULT.segmentation.low
-) -> Labels:
-    """(H, W) labels of the low things, from 1.
-
-    Args:
-        frame: the photo as it was measured, at its working size.
-        table: the table in it.
-        taken: (H, W) pixels known to rise, or to be no table.
-    """
-    points = robot_frame_point_map(frame, table)
-    height = points[..., 2]
-    wide = np.ones((config.gap,) * 2, np.uint8)
-    unknown = cv2.morphologyEx(np.isnan(height).astype(np.uint8), cv2.MORPH_OPEN, wide) > 0
-    near = cv2.dilate((taken | unknown).astype(np.uint8), np.ones((2 * config.apart + 1,) * 2, np.uint8)) > 0
-    flat = (np.abs(height) < config.highest) & ~near
-    found = np.zeros(height.shape, np.int32)
-    if not flat.any():
-        return found
-
-    def average(width: int) -> npt.NDArray[np.float32]:
-        """(H, W) average height of the flat pixels in a window of ``width`` pixels, m."""
-        known = np.asarray(cv2.blur(flat.astype(np.float32), (width, width)), np.float32)
-        total = cv2.blur(np.where(flat, height, 0).astype(np.float32), (width, width))
-        return np.asarray(total / np.maximum(known, 1e-6), np.float32)
-
-    relief = average(config.fine) - average(config.coarse)
-    deviation = float(np.median(np.abs(relief[flat]))) / NORMAL
-    raised = (flat & (relief > max(config.lowest, config.deviations * deviation))).astype(np.uint8)
-    hull: Array | None = None
-    for pixels in pixels_by_label(label_connected_components(raised, int(config.smallest * height.size))):
-        piece = np.zeros(height.shape, np.uint8)
-        piece.put(pixels, 1)
-        ring = (cv2.dilate(piece, np.ones((2 * config.ring + 1,) * 2, np.uint8)) > 0) & (raised == 0)
-        if ring[0].any() or ring[-1].any() or ring[:, 0].any() or ring[:, -1].any():
-            continue  # cut by the border: its surroundings are unknown
-        if np.count_nonzero(flat & ring) <= config.free * np.count_nonzero(ring):
-            continue
-        if hull is None:
-            hull = find_table_hull(points, flat, np.asarray(table.T_robot_cam)[:3, 3])
-        if hull is None:
-            break
-        if points_in_hull_mask(points.reshape(-1, 3).take(pixels, axis=0)[:, :2], hull, 0.0).all():
-            found.put(pixels, found.max() + 1)
-    return found
 
 
 def find_enclosed_floors(

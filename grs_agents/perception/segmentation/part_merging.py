@@ -229,20 +229,8 @@ class Merger:
             bool(walls)
             or distance < config.beside
             or share_over_footprint(part, whole, config.touching) > config.overlap
-            or self._have_continuous_border(small, big)
         )
         return adjacent and self._form_open_hollow_object(part, whole)
-
-    def _have_continuous_border(self, small: int, big: int) -> bool:
-        """Whether two parts touch pixel by pixel; the samples of large parts are too coarse to decide."""
-        owners, pixels = self.labels.ravel(), self.pixels[small]
-        count = 0
-        for step in (1, -1, self.labels.shape[1], -self.labels.shape[1]):
-            beside = pixels[(pixels + step >= 0) & (pixels + step < owners.size)]
-            beside = beside[self.owners[owners[beside + step]] == big]
-            apart = np.linalg.norm(self.points.take(beside, axis=0) - self.points.take(beside + step, axis=0), axis=1)
-            count += int((apart < self.config.merging.touching).sum())
-        return count >= self.config.merging.shortest
 
     def _form_open_hollow_object(self, part: MeasuredPart, whole: MeasuredPart) -> bool:
         """Whether two parts together are a hollow object, open at the top."""

@@ -71,7 +71,5 @@ class PlainColorTest:
         dark, bright = sorted((a.lightness, b.lightness))
         if max(a.spread, b.spread) > config.spread:
             return False
-        apart, *chroma = (float(np.linalg.norm(hue)) * dark for hue in (a.hue - b.hue, a.hue, b.hue))
-        if min(chroma) > config.chroma:
-            return apart < config.colored
+        apart = float(np.linalg.norm(a.hue - b.hue)) * dark
         return apart < config.hue and bright**3 <= config.brightness * dark**3

@@ -1,8 +1,6 @@
-"""Segmentation of the objects on the table: smooth patches of the foreground, merged to objects and filtered.
+"""Segmentation of the objects on the table: smooth patches of the foreground, merged to objects and filtered."""
 
-Segments that enter from above, or from beyond the picture high over the table (arms, hands, lamps), are no objects.
-"""
-
+import cv2
 import numpy as np
 
 from grs_agents.perception.configuration import DEFAULT
@@ -17,14 +15,14 @@ from grs_agents.perception.image_geometry import (
 )
 from grs_agents.perception.segmentation.configuration import Segmentation
 from grs_agents.perception.segmentation.footprints import is_open_at_top
-from grs_agents.perception.segmentation.low_surfaces import add_enclosed_floors, find_enclosed_floors, find_low_things
+from grs_agents.perception.segmentation.low_surfaces import add_enclosed_floors, find_enclosed_floors
 from grs_agents.perception.segmentation.part_merging import merge_parts
 from grs_agents.perception.segmentation.patch_cutting import (
     cut_smooth_patches,
     foreground_pixel_mask,
     smooth_frame_depth,
 )
-from grs_agents.perception.segmentation.piece_joining import join_occluded_pieces, join_touching_pieces
+from grs_agents.perception.segmentation.piece_joining import join_occluded_pieces, join_plain_pieces
 from grs_agents.perception.table_finding import robot_frame_point_map
 from grs_agents.perception.types import Array, Camera, Mask, RGBDFrame, TableFrame
 from grs_agents.perception.working_resolution import downscale_frame, upscale_labels
@@ -40,13 +38,11 @@ def segment_objects_on_table(
     above = foreground_pixel_mask(points, smooth.depth, np.asarray(table.T_robot_cam)[:3, 3], config.foreground)
     labels = merge_parts(cut_smooth_patches(smooth, above, config.patches), points, small.rgb, config)
     labels = filter_object_segments(labels, smooth, points, table, config)
-    labels = join_touching_pieces(labels, smooth, points, table, config)
+    if "plain_color" in config.rules:
+        labels = join_plain_pieces(labels, smooth, config)
     if "hollow_floor" in config.rules:
         floors = find_enclosed_floors(labels > 0, points[..., 2], smooth.depth > 0, small, table, config.floors)
         labels = add_enclosed_floors(labels, floors, config.floors)
-    if "low_thing" in config.rules:
-        low = find_low_things(small, table, above | (labels > 0), config.low)
-        labels = np.where(low > 0, low + labels.max(initial=0), labels).astype(np.int32)
     return labels if factor == 1 else upscale_labels(labels, small, frame, factor)
 
 
@@ -62,17 +58,20 @@ def filter_object_segments(
     kept = [label for label, own in enumerate(heights, 1) if len(own) >= smallest]
     if "sensor_noise" in config.rules:
         kept = [label for label in kept if not is_sensor_noise(heights[label - 1], 4 * smallest, flattest)]
-    if "flying_pixels" in config.rules:  # small, and much deeper than it looks large
-        flying: set[int] = set()
-        for label, pixels in enumerate(segments, 1):
-            depth = smooth.depth.take(pixels)
-            if 0 < len(depth) <= 4 * smallest and (depth > 0).any():
-                low, middle, high = np.percentile(depth[depth > 0], (5, 50, 95))
-                if high - low > config.filter.flying * np.sqrt(len(depth)) * middle / smooth.camera.fx:
-                    flying.add(label)
-        kept = [label for label in kept if label not in flying]
-    if "entering" in config.rules:
-        kept = [label for label in kept if not is_segment_entering_view(labels == label, points, smooth.camera, config)]
+    if "flying_pixels" in config.rules:
+        square, values = np.ones((2 * config.filter.band + 1,) * 2, np.uint8), labels.astype(np.float32)
+        inner = np.where(cv2.dilate(values, square) == cv2.erode(values, square), labels, 0)
+        counts = np.bincount(inner.ravel(), minlength=len(segments) + 1)
+        slivers: set[int] = set()
+        for label in kept:
+            pixels, depth = segments[label - 1], smooth.depth.take(segments[label - 1])
+            if len(pixels) > config.filter.sliver * labels.size or not (depth > 0).any():
+                continue
+            low, middle, high = np.percentile(depth[depth > 0], (5, 50, 95))
+            is_deep = high - low > config.filter.flying * np.sqrt(len(pixels)) * middle / smooth.camera.fx
+            if is_deep or counts[label] < config.filter.inner * len(pixels):
+                slivers.add(label)
+        kept = [label for label in kept if label not in slivers]
     numbers = np.zeros(len(heights) + 1, np.int32)
     numbers[kept] = np.arange(1, len(kept) + 1)
     labels = numbers[labels]

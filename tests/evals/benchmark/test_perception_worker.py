@@ -93,7 +93,7 @@ def test_the_tool_is_asked_with_the_model_that_is_named(tmp_path: Path, sample_s
 def test_a_rule_that_is_off_changes_the_segments(
     tmp_path: Path, sample_scene: Path, measured: tuple[Result, Path]
 ) -> None:
-    order = measured[0].order.model_copy(update={"without": ("common_rim", "interior")})
+    order = measured[0].order.model_copy(update={"without": ("common_rim", "interior", "flying_pixels")})
     assert measure_scene(order, tmp_path).figures.score.segments > measured[0].figures.score.segments
 
 

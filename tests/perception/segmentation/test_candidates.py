@@ -17,6 +17,7 @@ from grs_agents.library.library import Library
 from grs_agents.perception.reading.scene_source import read_scene
 from grs_agents.perception.segmentation.candidates import (
     center_objects_in_workspace,
+    explain_doubt,
     fit_asset_to_box,
     measure_candidates,
 )
@@ -31,6 +32,19 @@ ANGLE = st.floats(-math.pi, math.pi)
 def _candidates(scene: Rendered) -> tuple[TableFrame, tuple[Candidate, ...]]:
     table = find_table(scene.frame, np.random.default_rng(0))
     return table, measure_candidates(scene.frame, table, scene.labels)
+
+
+@pytest.mark.parametrize(("side", "is_sure"), [(0.06, True), (0.025, False)])
+def test_no_task_can_be_sure_of_what_is_small_across_the_view(side: float, is_sure: bool) -> None:
+    scene = render((Thing("box", (0.45, 0.0), (side, side, side)),), noise=0.0, calibrated=True)
+    assert (explain_doubt(scene.frame, scene.labels == 1) == "") == is_sure
+
+
+def test_no_task_can_be_sure_of_what_few_measured_pixels_show() -> None:
+    scene = render((Thing("box", (0.45, 0.0), (0.1, 0.1, 0.1)),), noise=0.0, calibrated=True)
+    mask = scene.labels == 1
+    scene.frame.depth[mask & (np.cumsum(mask.ravel()).reshape(mask.shape) > 100)] = 0
+    assert explain_doubt(scene.frame, mask).startswith("seen too sparsely to be sure of it: 100 measured pixels")
 
 
 def test_boxes_agree_with_the_truth(rendered: Rendered) -> None:

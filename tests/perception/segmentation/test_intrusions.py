@@ -4,14 +4,24 @@ from dataclasses import replace
 
 import numpy as np
 
+from grs_agents.perception.object_finding import find_objects
+from grs_agents.perception.segmentation.candidates import measure_candidates
 from grs_agents.perception.segmentation.segmentation import segment_objects_on_table
 from grs_agents.perception.table_finding import find_table
-from grs_agents.perception.types import RGBDFrame
+from grs_agents.perception.types import Candidate, RGBDFrame
 from tests.perception.conftest import THINGS, Rendered, Thing, render
 
 
 def _segment(frame: RGBDFrame) -> np.ndarray:
-    return segment_objects_on_table(frame, find_table(frame, np.random.default_rng(0)))
+    """(H, W) numbers of the objects."""
+    table, labels = find_table(frame, np.random.default_rng(0)), np.zeros(frame.depth.shape, np.int32)
+
+    def segment(photo: RGBDFrame) -> tuple[Candidate, ...]:
+        return measure_candidates(photo, table, segment_objects_on_table(photo, table))
+
+    for item in find_objects(frame, table, labels > 0, segment).objects:
+        labels[item.mask] = item.id
+    return labels
 
 
 def _with_bar(scene: Rendered, rows: slice, columns: slice, near: float, far: float) -> RGBDFrame:

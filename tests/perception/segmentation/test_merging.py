@@ -38,14 +38,6 @@ def test_the_near_and_far_half_of_a_bowl_are_one() -> None:
     assert len(np.unique(merge_parts(labels, points, _grey(labels)))) == 1
 
 
-def test_the_halves_of_a_large_open_box_are_one_though_samples_of_them_lie_apart() -> None:
-    x, y = np.meshgrid(np.linspace(0, 0.5, 120), np.linspace(0, 0.4, 110))
-    edge = np.minimum(np.minimum(x, 0.5 - x), np.minimum(y, 0.4 - y))
-    points = np.stack([x, y, np.where(edge < 0.012, 0.09, 0.012)], axis=-1)
-    labels = np.where(x < 0.25, 1, 2).astype(np.int32)
-    assert len(np.unique(merge_parts(labels, points, _grey(labels)))) == 1
-
-
 def test_a_small_cap_belongs_to_its_bottle() -> None:
     labels, points = _labels(*(_plate(0, 0, z) for z in (0.05, 0.08, 0.1)), _plate(0.02, 0.02, 0.11, side=0.01))
     labels[labels < 4] = 1

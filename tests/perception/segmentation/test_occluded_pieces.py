@@ -102,26 +102,3 @@ def test_sides_of_a_band_with_other_colours_are_two() -> None:
     rgb = frame.rgb.copy()
     rgb[labels == 2] = (40, 60, 200)
     assert _joined(replace(frame, rgb=rgb), labels).max() == 2
-
-
-def test_like_cans_side_by_side_are_two_though_what_is_between_is_not_seen() -> None:
-    scene = render([Thing("cylinder", (0.5, y), (0.07, 0.07, 0.1)) for y in (-0.045, 0.045)], noise=0.0005)
-    rgb = scene.frame.rgb.copy()
-    rgb[scene.labels > 0] = (200, 60, 40)
-    depth = np.where(scene.labels > 0, scene.frame.depth, np.float32(0))
-    assert _joined(replace(scene.frame, rgb=rgb), scene.labels).max() == 2  # the table is seen between them
-    hidden = replace(scene.frame, rgb=rgb, depth=depth)
-    table = find_table(scene.frame, np.random.default_rng(0))
-    assert join_occluded_pieces(scene.labels, hidden, robot_frame_point_map(hidden, table)).max() == 2
-
-
-def test_like_boxes_side_by_side_are_two_though_the_gap_has_no_depth() -> None:
-    scene = render([Thing("box", (0.5, y), (0.05, 0.08, 0.1)) for y in (-0.048, 0.048)], noise=0.0005)
-    rgb, depth = scene.frame.rgb.copy(), scene.frame.depth.copy()
-    rgb[scene.labels > 0] = (200, 60, 40)
-    columns = np.indices(depth.shape)[1]
-    middle = np.median(columns[scene.labels > 0])
-    depth[(scene.labels == 0) & (np.abs(columns - middle) < 12)] = 0
-    table = find_table(scene.frame, np.random.default_rng(0))
-    hidden = replace(scene.frame, rgb=rgb, depth=depth)
-    assert join_occluded_pieces(scene.labels, hidden, robot_frame_point_map(hidden, table)).max() == 2

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.reading.scene_source import read_scene
 from grs_agents.perception.segmentation.segmentation import segment_objects_on_table
 from grs_agents.perception.table_finding import find_table
@@ -48,6 +49,18 @@ def test_a_veil_of_mixed_pixels_is_no_thing(rendered: Rendered) -> None:
     depth = rendered.frame.depth.copy()
     depth[60:72, 200:214] *= np.linspace(0.85, 1, 14, dtype=np.float32)
     assert _segment(replace(rendered.frame, depth=depth)).max() == 4
+
+
+@pytest.mark.parametrize(("width", "objects"), [(6, 4), (14, 5)], ids=["sliver", "bar"])
+def test_a_strip_as_narrow_as_the_flying_pixels_at_its_edges_is_no_object(
+    rendered: Rendered, width: int, objects: int
+) -> None:
+    depth = rendered.frame.depth.copy()
+    depth[60:95, 200 : 200 + width] *= np.float32(0.95)
+    frame = replace(rendered.frame, depth=depth)
+    assert _segment(frame).max() == objects
+    table = find_table(frame, np.random.default_rng(0))
+    assert segment_objects_on_table(frame, table, DEFAULT.segmentation.without_rules("flying_pixels")).max() == 5
 
 
 def test_an_empty_table_has_no_segments() -> None:

@@ -1,1 +1,0 @@
-"""Walls of a bin around the objects, found in the photo."""
