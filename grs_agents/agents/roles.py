@@ -1,4 +1,5 @@
-"""The eight agents of the paper, the reviser of a task and its judge: inputs, pictures and parsers of each.
+"""The eight agents of the paper, the grouper of segments, the reviser of a task and its judge: inputs, pictures and
+parsers of each.
 
 Following the paper, the scene image goes to the describer, matcher, task author, simulation author and code fixer
 (vision-language models), not to the test author and test fixer (language models). The router and the fixers of program
@@ -25,6 +26,7 @@ from grs_agents.agents.reply import (
 )
 from grs_agents.agents.types import (
     Description,
+    Grouping,
     Match,
     NoReply,
     RouterReply,
@@ -38,6 +40,17 @@ from grs_agents.agents.types import (
 
 Json = dict[str, Any]
 Task = TypeVar("Task", bound=TaskDefinition)
+
+
+def group_segments(agents: Agents, rows: Sequence[Json], picture: str, images: Sequence[str]) -> Grouping | NoReply:
+    """Correct a segmentation.
+
+    Args:
+        rows: all segments, each with its ``id``.
+        picture: text that describes ``images``.
+    """
+    values = {"segments": to_json_lines(rows), "picture": picture}
+    return agents.ask_role("group", values, lambda text: parse_json(text, Grouping), images)
 
 
 def describe_segments(

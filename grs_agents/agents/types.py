@@ -43,6 +43,10 @@ def _read_segment_number(value: Any) -> Any:
     return number[1] if number else _read_null_word(value)
 
 
+def _shorten(value: Any) -> Any:
+    return " ".join(value.split())[:60] if isinstance(value, str) else ""
+
+
 class ModelReply(Frozen):
     """A model's JSON reply; keys and choices may differ in capitals, dashes, blanks or underscores."""
 
@@ -90,6 +94,16 @@ class Description(ModelReply):
     part_of: Annotated[int | None, BeforeValidator(_read_segment_number)] = None
     # open at the top, so that objects can be put into it; None if unknown
     open_top: Annotated[bool | None, BeforeValidator(_read_unknown_word)] = None
+    # ``several`` for a segment of several objects; a name for what a segment without an object shows, if it is given
+    shows: Annotated[str, BeforeValidator(_shorten)] = ""
+
+
+_SEVERAL = re.compile(r"(several|multiple|many|more than one|two|three)\b", re.IGNORECASE)
+_PART = re.compile(r"(?:a )?(?:part|piece) of (?:the )?(?:segment |no\. ?|#)?(\d+)", re.IGNORECASE)
+_SCENERY = re.compile(
+    r"(?:an? |the )?(robot|arm|hand|person|wall|floor|background|scenery|table|shadow|reflection|nothing)\b",
+    re.IGNORECASE,
+)
 
 
 class SegmentReply(Description):
@@ -99,11 +113,77 @@ class SegmentReply(Description):
 
     @classmethod
     def fill_missing_words(cls, table: dict[Any, Any]) -> dict[Any, Any]:
-        """Fill in missing fields of a segment that is no object."""
+        """Read words in place of ``is_object``, and fill in missing fields of a segment that is no object."""
+        word = table.get("is_object")
+        words = word.strip() if isinstance(word, str) else ""
+        if _SEVERAL.match(words):
+            filled = {"description": "several things", "color": "", "shape": "", "category": "objects"}
+            return {**filled, **table, "is_object": True, "shows": "several"}
+        if part := _PART.match(words):
+            table = {**table, "is_object": False, "part_of": part[1]}
+        elif scenery := _SCENERY.match(words):
+            table = {"description": scenery[1].lower(), **table, "is_object": False, "shows": scenery[1].lower()}
         if str(table.get("is_object")).lower() not in ("false", "no", "0"):
             return table
         words = {"description": "no object", "color": "", "shape": "", "category": ""}
         return {**words, **{key: text for key, text in table.items() if key not in words or text not in (None, "")}}
+
+
+_MOST = 100
+"""Entries of a list in a reply: more than the segments of any photo."""
+
+
+def _read_group(value: Any) -> Any:
+    """A list of segment numbers, perhaps under the only key of an object."""
+    if isinstance(value, dict) and len(cast("dict[Any, Any]", value)) == 1:
+        (value,) = cast("dict[Any, Any]", value).values()
+    return cast(Any, value)
+
+
+SegmentNumber = Annotated[int, BeforeValidator(_read_segment_number), Field(ge=-(10**6), le=10**6)]
+Label = Annotated[str, BeforeValidator(_shorten)]
+_Edge = Annotated[float, Field(ge=-(10**6), le=10**6, allow_inf_nan=False)]
+_Length = Annotated[float, Field(gt=0, le=10**6, allow_inf_nan=False)]
+PictureBox = tuple[_Edge, _Edge, _Length, _Length]
+"""Left, top, width and height, pixels of the picture that the model saw."""
+
+
+class SegmentSplit(ModelReply):
+    """A segment that shows several objects, with a box around each."""
+
+    segment: SegmentNumber
+    boxes: tuple[PictureBox, ...] = Field(min_length=1, max_length=30)
+
+
+class SegmentDrop(ModelReply):
+    """A segment that shows no object."""
+
+    segment: SegmentNumber
+    what: Label = ""
+
+
+class MissingObject(ModelReply):
+    """An object without a segment."""
+
+    what: Label = ""
+    box: PictureBox
+
+
+class Grouping(ModelReply):
+    """The grouper's reply: its corrections of a segmentation."""
+
+    merge: tuple[Annotated[tuple[SegmentNumber, ...], BeforeValidator(_read_group), Field(max_length=_MOST)], ...] = (
+        Field(max_length=_MOST)
+    )
+    split: tuple[SegmentSplit, ...] = Field(max_length=_MOST)
+    drop: tuple[SegmentDrop, ...] = Field(max_length=_MOST)
+    missing: tuple[MissingObject, ...] = Field(max_length=_MOST)
+
+    @classmethod
+    def fill_missing_words(cls, table: dict[Any, Any]) -> dict[Any, Any]:
+        """A list that a reply leaves out is empty, unless it leaves out all."""
+        known = {key: () if value is None else value for key, value in table.items() if key in cls.model_fields}
+        return {**dict.fromkeys(cls.model_fields, ()), **known} if known else table
 
 
 class Match(ModelReply):

@@ -70,19 +70,16 @@ def describe_measurements_for_model(record: CandidateRecord) -> dict[str, Any]:
     }
 
 
+def list_adjoining(record: CandidateRecord, records: Sequence[CandidateRecord]) -> list[int]:
+    """The numbers of the segments that adjoin one of ``records``."""
+    return [
+        item.id for item in records if item.id != record.id and gap_between_boxes(record.box, item.box) <= ADJOINING
+    ]
+
+
 def make_describer_question(asked: Sequence[CandidateRecord], records: Sequence[CandidateRecord]) -> DescriberQuestion:
     """The question about some of the segments ``records``, with the pictures of `write_outlines` or a sheet."""
-    rows = [
-        {
-            **describe_measurements_for_model(record),
-            "near": [
-                other.id
-                for other in records
-                if record.id != other.id and gap_between_boxes(record.box, other.box) <= ADJOINING
-            ],
-        }
-        for record in asked
-    ]
+    rows = [{**describe_measurements_for_model(record), "near": list_adjoining(record, records)} for record in asked]
     first = asked[0]
     images = (
         [first.crop, outlined_segment_file_name(first.id)]
@@ -157,7 +154,15 @@ def describe_segments(
         objects=tuple(objects),
         descriptions=dict(sorted(descriptions.items())),
         dropped=tuple(dropped),
-        notes=(*(f"candidate {number}: {reason}" for number, reason in sorted(silent.items())), *notes),
+        notes=(
+            *(f"candidate {number}: {reason}" for number, reason in sorted(silent.items())),
+            *notes,
+            *(
+                f"candidate {item.id} shows several things, by its description: it stays one object"
+                for item in objects
+                if item.described.shows == "several"
+            ),
+        ),
     )
 
 
@@ -263,7 +268,11 @@ def make_model_matcher(
 
     def ask(segment: Segment, assets: Sequence[Shown], worded: bool, pictured: bool) -> MatchEvidence:
         record = by_number[segment.id]
-        words = described[segment.id].model_dump(exclude={"is_object", "part_of"}, exclude_none=True) if worded else {}
+        words = (
+            described[segment.id].model_dump(exclude={"is_object", "part_of", "shows"}, exclude_none=True)
+            if worded
+            else {}
+        )
         shown = [{**dict(asset), "size": [round(value, 3) for value in asset.size]} for asset in assets]
         pictures = [record.crop, outlined_segment_file_name(record.id)] if pictured and image else []
         reply = roles.match_asset(agents, {**describe_measurements_for_model(record), **words}, shown, pictures)

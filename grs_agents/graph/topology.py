@@ -3,6 +3,7 @@
 The graph ``grs`` has all of them but the competing authors and the author with tools::
 
     START > read > find_table > segment > describe > match > register > settle    perception
+                                segment > group > describe                        with a model that sees pictures
                                           describe < register                     while residual candidates are left
     settle > generate_task > generate_sim > generate_tests > run_tests            authors
     run_tests > audit > conclude > END                                            while tests and audit pass
@@ -29,6 +30,7 @@ from grs_agents.graph.authoring import (
     next_steps_to_drafts,
 )
 from grs_agents.graph.fixing import fix_code, fix_task, fix_tests
+from grs_agents.graph.grouping import group_candidates, next_step_after_segment
 from grs_agents.graph.judging import (
     audit_task,
     conclude_with_best_version,
@@ -65,11 +67,13 @@ def empty_graph() -> RunGraph:
 def add_perception(graph: RunGraph, then: str) -> None:
     """From the start to objects at rest in MuJoCo (paper, Scene Comprehension); the scene of another run is copied.
 
-    Residual candidates, which show once the first objects are placed, are described and matched in a second pass.
+    A model that sees pictures regroups the segments before they are described. Residual candidates, which show once the
+    first objects are placed, are described and matched in a second pass.
     """
     graph.add_node("read", read_photo_into_run)
     graph.add_node("find_table", find_table)
     graph.add_node("segment", segment_photo)
+    graph.add_node("group", group_candidates)
     graph.add_node("describe", describe_candidates)
     graph.add_node("match", match_candidates_to_assets)
     graph.add_node("register", register_assets_in_photo)
@@ -78,7 +82,8 @@ def add_perception(graph: RunGraph, then: str) -> None:
     graph.add_edge(START, "read")
     graph.add_conditional_edges("read", next_step_after_read, {"find_table": "find_table", "done": then})
     graph.add_edge("find_table", "segment")
-    graph.add_edge("segment", "describe")
+    graph.add_conditional_edges("segment", next_step_after_segment, ["group", "describe"])
+    graph.add_edge("group", "describe")
     graph.add_edge("describe", "match")
     graph.add_edge("match", "register")
     graph.add_conditional_edges("register", next_step_after_register, ["describe", "settle"])

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from grs_agents.base.foreign.pictures import read_picture
-from grs_agents.perception.picture_files import load_mask, write_png
+from grs_agents.perception.picture_files import COLORS, load_mask, write_png
 from grs_agents.perception.types import Array, CandidateRecord, Mask, RGBDFrame
 
 MARK, OTHERS = (255, 0, 255), (255, 255, 255)
@@ -21,6 +21,10 @@ _ASIDE = np.array(
     [(0, 0)] + [(x * far / 2, y * far) for far in range(1, 12) for x, y in ((0, -1), (0, 1), (-1, -1), (1, 1))]
 )
 """Candidate offsets of a label from its place, in half its width and height."""
+MARKS = "scene/marks.png"
+"""The photo with its segments numbered and a ruler, in the run folder."""
+_TICKS = 50
+"""Pixels between the marks of a ruler; every second is labelled."""
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 
@@ -64,6 +68,32 @@ def write_segment_sheet(
         places[str(record.id)] = np.array([column + 20.0, row + 16.0])
     _draw_labels(sheet, places, 0.7)
     write_png(run / crops, sheet)
+
+
+def write_marks(frame: RGBDFrame, records: Sequence[CandidateRecord], run: Path) -> float:
+    """Write `MARKS`, with a ruler in pixels along its upper and left edge.
+
+    Returns:
+        Its pixels per pixel of the photo.
+    """
+    picture, scale = _resize_for_model(frame, enlarge=True)
+    masks = {record.id: load_mask(run / record.mask) for record in records}
+    for number, mask in masks.items():
+        color = COLORS[number % len(COLORS)][::-1]
+        for tint, width in (((0, 0, 0), 4), (color, 2)):
+            cv2.drawContours(picture, _find_outlines(mask, scale), -1, tint, width)
+    _draw_labels(picture, {str(number): _find_label_place(mask) * scale for number, mask in masks.items()}, 0.6)
+    height, width = picture.shape[:2]
+    for axis, length in ((0, width), (1, height)):
+        for at in range(_TICKS, length, _TICKS):
+            long = 12 if at % (2 * _TICKS) == 0 else 6
+            end, text = ((at, long), (at - 10, long + 11)) if axis == 0 else ((long, at), (long + 2, at + 4))
+            cv2.line(picture, (at, 0) if axis == 0 else (0, at), end, OTHERS, 2)
+            if long == 12:
+                for tint, wide in (((0, 0, 0), 3), (OTHERS, 1)):
+                    cv2.putText(picture, str(at), text, _FONT, 0.35, tint, wide, cv2.LINE_AA)
+    write_png(run / MARKS, picture)
+    return scale
 
 
 def _draw_numbered_outlines(

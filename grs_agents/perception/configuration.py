@@ -349,6 +349,24 @@ class CoverageMeasuring:
 
 
 @dataclass(frozen=True)
+class SegmentRegrouping:
+    """Bounds on what a model says of the segments: its boxes are off by a tenth of an object."""
+
+    # of the photo's longer side, between merged segments: two bands of flying pixels, of shifted depth. What an object
+    # before them hides, or what has no depth, does not count.
+    gap: float = 0.025
+    apart: float = 0.1  # m between their boxes: what stands before an object is as wide
+    margin: float = 0.15  # of a box's side: pixels so near its edge are undecided
+    within: float = 0.8  # of a box's pixels in a larger box: it shows an object before that of the larger
+    deep: float = 0.05  # m: depth range of a segment below which its depth counts less than its colours
+    jump: float = 0.015  # of the distance, between neighbours: another surface
+    rim: int = 4  # pixels around a box, at least, whose colours are those of its background
+    cut: int = 256  # pixels: largest side at which an object is cut out by colour
+    colors: int = 5  # of a model of colours: fewer pixels have none
+    left: float = 0.6  # of its raised pixels: an object fills more of its box; else its colours are those around it
+
+
+@dataclass(frozen=True)
 class Perception:
     """All stages, in the order in which a photo passes them."""
 
@@ -370,6 +388,7 @@ class Perception:
     relations: SupportRelations = SupportRelations()
     coverage: CoverageMeasuring = CoverageMeasuring()
     scenery: SceneryFilter = SceneryFilter()
+    regrouping: SegmentRegrouping = SegmentRegrouping()
 
 
 DEFAULT = Perception()

@@ -260,6 +260,26 @@ def test_words_about_no_object_may_be_missing() -> None:
         parse_json('{"id": 1, "is_object": true}', SegmentReply)
 
 
+@pytest.mark.parametrize(
+    ("word", "is_object", "shows", "part_of"),
+    [
+        ("several things", True, "several", None),
+        ("Multiple", True, "several", None),
+        ("part of 3", False, "", 3),
+        ("a piece of segment 12", False, "", 12),
+        ("robot arm", False, "robot", None),
+        ("the background", False, "background", None),
+        ("Nothing", False, "nothing", None),
+    ],
+)
+def test_an_honest_word_in_place_of_true_or_false_is_read(
+    word: str, is_object: bool, shows: str, part_of: int | None
+) -> None:
+    for said in ({}, json.loads(row(1)) | {"part_of": part_of}):
+        reply = parse_json(json.dumps({"id": 1, **said, "is_object": word}), SegmentReply)
+        assert (reply.is_object, reply.shows, reply.part_of) == (is_object, shows, part_of)
+
+
 @pytest.mark.parametrize("fence", ["```json\n{}\n```", "{}", "```json\n[{}]\n```"])
 def test_all_that_is_wrong_is_told_at_once(fence: str) -> None:
     rows = [

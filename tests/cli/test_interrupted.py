@@ -69,7 +69,7 @@ def asking(server: Any) -> list[str]:
 def test_what_was_answered_at_once_is_not_asked_again(tmp_path: Path, small_scene: Path, scripted_server: Any) -> None:
     pytest.importorskip("langchain_openai")
     log = tmp_path / "run" / "events.jsonl"
-    order = ["run", str(small_scene), "--out", str(tmp_path / "run"), "--json"]
+    order = ["run", str(small_scene), "--out", str(tmp_path / "run"), "--json", "--set", "scene.group=off"]
     running: list[subprocess.Popen[bytes]] = []
     started, arrivals = Event(), count(1)
 
@@ -106,7 +106,8 @@ def test_a_run_that_is_asked_to_end_does_not_wait_for_replies(
         go_on.wait()
 
     scripted_server.arrived = hold
-    order = ["run", str(small_scene), "--out", str(tmp_path / "run"), "--set", "models.timeout=3600"]
+    order = ["run", str(small_scene), "--out", str(tmp_path / "run")]
+    order += ["--set", "models.timeout=3600", "--set", "scene.group=off"]
     with subprocess.Popen(command(*order, *asking(scripted_server)), stderr=subprocess.DEVNULL) as process:
         try:
             assert asked.wait(120)
@@ -254,7 +255,8 @@ def test_every_prompt_has_one_reply_with_what_it_cost(tmp_path: Path, small_scen
     *answered, last = replies
     assert {(reply.input_tokens, reply.output_tokens, reply.cost) for reply in answered} == {(10, 5, 0.25)}
     assert {reply.finish_reason for reply in answered} == {"stop"}
-    assert [bool(reply.error) for reply in answered[:3]] == [True, True, False]
+    described = [reply for reply in answered if reply.role == "describe"]
+    assert [bool(reply.error) for reply in described[:3]] == [True, True, False]
     assert (last.role, last.answered) == ("task", False) and "the account is closed" in last.error
 
 

@@ -154,6 +154,13 @@ def test_what_does_not_adjoin_its_thing_stays_by_itself(table: Table) -> None:
     assert "segment 3 was described as a part of 1" in note
 
 
+def test_several_things_stay_an_object_with_a_note_and_a_robot_is_none(table: Table) -> None:
+    eyes = Eyes(says={1: {"is_object": "several things"}, 3: {"is_object": "robot"}})
+    found = describe_segments(table.records, 4, table.photo, table.services(eyes))
+    assert [one.described.is_object for one in found.objects] == [True, True, False]
+    assert found.notes == ("candidate 1 shows several things, by its description: it stays one object",)
+
+
 def test_a_number_that_is_no_segment_is_asked_about_again(table: Table) -> None:
     says = {number: {"part_of": 40 + number} for number in (1, 2, 3)}
     found = describe_segments(table.records, 4, table.photo, table.services(Eyes(says=says)))

@@ -45,7 +45,7 @@ class Limits(Frozen):
 
 
 ROLES = (
-    *("default", "describe", "match", "task", "simulation", "tests"),
+    *("default", "group", "describe", "match", "task", "simulation", "tests"),
     *("route", "fix_code", "fix_tests", "fix_task", "judge", "rival"),
 )
 """The agent roles a model may be named for; ``default`` serves every role that has none of its own."""
@@ -136,6 +136,8 @@ class SceneConfig(Frozen):
     # `auto`; `largest`, the level plane with most pixels; `highest`; or the number of a plane of `frame.planes` in
     # `scene.json`
     table: TableChoice = "auto"
+    # `auto`: a model that sees pictures is asked once which segments belong together, and what is no object; `off`
+    group: Literal["auto", "off"] = "auto"
     # objects without a role in the task stand on the table too, as in the photo
     bystanders: bool = True
     coverage: CoverageConfig = CoverageConfig()
@@ -203,6 +205,7 @@ class BackgroundConfig(Frozen):
 class PromptsConfig(Frozen):
     """The prompt file of each role."""
 
+    group: str = "group"
     describe: str = "describe"
     match: str = "match"
     task: str = "task"

@@ -323,14 +323,15 @@ class Decision(BaseEvent):
 class SceneStage(BaseEvent):
     """A stage of scene comprehension: numbers and names in ``summary``, pictures in ``files``.
 
-    ``files`` may hold ``rgb``, ``depth`` (uint16 PNG), ``masks`` (label PNG, 0 = background), ``coverage`` (the photo
-    with unowned pixels marked), ``twin`` (the camera's view of the objects at rest, with their textures); ``summary``
-    may hold ``camera`` (fx, fy, cx, cy, width, height, depth_scale, T_robot_cam), ``depth_scale``, ``objects`` (id,
-    name, box with low and high, in metres, robot frame) and ``coverage`` (share, unowned).
+    ``files`` may hold ``rgb``, ``depth`` (uint16 PNG), ``masks`` (label PNG, 0 = background), ``marks`` (the photo with
+    its segments numbered, before they were regrouped), ``coverage`` (the photo with unowned pixels marked), ``twin``
+    (the camera's view of the objects at rest, with their textures); ``summary`` may hold ``camera`` (fx, fy, cx, cy,
+    width, height, depth_scale, T_robot_cam), ``depth_scale``, ``objects`` (id, name, box with low and high, in metres,
+    robot frame) and ``coverage`` (share, unowned).
     """
 
     kind: Literal["scene_stage"] = "scene_stage"
-    stage: Literal["frame", "segmented", "background", "described", "matched"]
+    stage: Literal["frame", "segmented", "grouped", "background", "described", "matched"]
     summary: Summary = Field(default_factory=dict[str, Any])
     files: dict[str, str] = Field(default_factory=dict[str, str])
 

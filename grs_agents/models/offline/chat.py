@@ -29,8 +29,10 @@ from grs_agents.models.offline.prompt_text import PromptText, parse_prompt, pars
 from grs_agents.models.offline.router import decide_what_to_fix
 from grs_agents.models.offline.unittest_author import author_tests, fix_tests
 
+_SEGMENTATION_STAYS = '```json\n{"merge": [], "split": [], "drop": [], "missing": []}\n```'
 ReplyFunction = Callable[[PromptText, list[bytes], np.random.Generator], str]
 ROLES: Mapping[str, ReplyFunction] = {
+    "group": lambda prompt, pictures, rng: _SEGMENTATION_STAYS,
     "describe": lambda prompt, pictures, rng: describe_segments(prompt, pictures),
     "describe_asset": lambda prompt, pictures, rng: describe_asset(prompt),
     "match": lambda prompt, pictures, rng: match_asset(prompt),

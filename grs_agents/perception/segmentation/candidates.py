@@ -94,6 +94,28 @@ def measure_candidates(
     raise InputError("; ".join([f"{frame.source}: {problem}", *describe_table_doubts(table)]), remedy)
 
 
+def measure_beside_others(
+    frame: RGBDFrame, table: TableFrame, masks: Sequence[Mask], others: Sequence[Mask]
+) -> tuple[Candidate, ...] | None:
+    """Measure segments with ``masks`` (H, W), numbered from 1, that may stand on ``others`` (H, W).
+
+    Returns:
+        The segments, or None if one of them has too few measured pixels or is too large for an object.
+    """
+    labels = np.zeros(frame.depth.shape, np.int32)
+    for label, mask in enumerate(others, len(masks) + 1):
+        labels[mask] = label
+    for label, mask in enumerate(masks, 1):
+        labels[mask] = label
+    try:
+        measured = measure_candidates(frame, table, labels)[: len(masks)]
+    except InputError:
+        return None
+    complete = len(measured) == len(masks)
+    same = complete and all(np.array_equal(item.mask, labels == label) for label, item in enumerate(measured, 1))
+    return measured if same else None
+
+
 def _measure_candidate(
     number: int,
     frame: RGBDFrame,

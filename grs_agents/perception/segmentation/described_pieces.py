@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from grs_agents.base.errors import InputError
-from grs_agents.perception.segmentation.candidates import measure_candidates
+from grs_agents.perception.segmentation.candidates import measure_beside_others
 from grs_agents.perception.types import Aabb, Candidate, Mask, RGBDFrame, TableFrame
 
 ADJOINING = 0.03
@@ -53,12 +52,6 @@ def merge_pieces(
     ``masks`` (H, W) are those of all segments, by number: the candidate may stand on another.
     """
     whole = np.any([masks[member] for member in group], axis=0)
-    labels = np.zeros(frame.depth.shape, np.int32)
-    for label, (segment, mask) in enumerate(masks.items(), 2):
-        labels[mask] = 0 if segment in group else label
-    labels[whole] = 1
-    try:
-        first = measure_candidates(frame, table, labels)[0]
-    except InputError:
-        return None
-    return replace(first, id=number) if np.array_equal(first.mask, whole) else None
+    others = [mask for segment, mask in masks.items() if segment not in group]
+    measured = measure_beside_others(frame, table, [whole], others)
+    return replace(measured[0], id=number) if measured else None

@@ -24,11 +24,13 @@ _ROWS = (
 _GRID: dict[str, tuple[float, float]] = {
     **{node: (column, row) for row, names in enumerate(_ROWS) for column, node in enumerate(names) if node},
     "hide_image": (-0.9, 1),
+    "group": (2.5, -0.75),
 }
 _COLORS: dict[str, Color] = {
     "read": (91, 120, 239),
     "find_table": (91, 141, 239),
     "segment": (93, 156, 237),
+    "group": (94, 163, 236),
     "describe": (95, 170, 235),
     "match": (80, 190, 215),
     "register": (75, 195, 195),

@@ -27,6 +27,7 @@ CHANGED: dict[str, Any] = {
     "prompts.task": "../secret",
     "segment.device": "cuda:0",
     "scene.table": "largest",
+    "scene.group": "off",
     "camera.intrinsics": "realsense-d435",
     "camera.rectified": True,
     "match.describe": "sheet",
