@@ -14,7 +14,6 @@ from tests.cli.command import grs
         ("cam_depth_scale_1000", "0.001 (1 / 1000) it would be 1.067 m"),
         ("depth_intrinsics_of_double_size", "the centre of a picture of 1280x960"),
         ("depth_norm_principal_point", "shares of the picture, not pixels"),
-        ("depth_ray_distance", "the distance along the ray"),
         ("depth_zbuffer", "z-buffer"),
         ("pose_quaternion_wrong_order", "T_robot_cam probably is made of a quaternion wxyz that was read as xyzw"),
     ],
@@ -23,6 +22,13 @@ def test_a_mistake_is_named_in_one_line(tmp_path: Path, name: str, words: str) -
     done = grs("scene", str(copy_case(name, tmp_path)), "--out", "out", "-q", folder=tmp_path)
     assert (done.returncode, len(done.stderr.strip().splitlines())) == (2, 1), done.stderr
     assert words in done.stderr
+
+
+def test_distance_along_the_ray_is_converted_and_told(tmp_path: Path) -> None:
+    quick = ("--set", "tools.match=match_text")
+    done = grs("scene", str(copy_case("depth_ray_distance", tmp_path)), "--out", "out", *quick, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "distance along the ray" in (tmp_path / "out" / "scene.json").read_text(encoding="utf-8")
 
 
 def test_three_equal_channels_of_16_bits_are_depth(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from grs_agents.graph.judging import audit_task, conclude_with_best_version, run
 from grs_agents.graph.services import Services
 from grs_agents.graph.state import RunState
 from grs_agents.sandbox.protocol.report import TestReport
-from tests.graph.conftest import SIMULATION, TESTS, Make, fenced, kinds, run, with_
+from tests.graph.conftest import SIMULATION, TASK, TESTS, Make, fenced, kinds, run, with_
 
 SLOWER = SIMULATION.replace("max_steps = 6", "max_steps = 5")
 OTHER_TASK = {"task-name": "push-both", "task-description": "move both blocks", "assets-used": ["block/red_block.urdf"]}
@@ -59,6 +59,17 @@ def test_other_tests_or_another_task_are_judged(state: RunState, make_services: 
     assert not reused(services)
     judge(with_(state, task=OTHER_TASK), services)
     assert len(reused(services)) == 1 and "test report" in reused(services)[0]
+
+
+def test_the_same_programs_are_audited_anew_once_the_task_is_a_revised_one(
+    state: RunState, make_services: Make
+) -> None:
+    services = make_services()
+    _, audit = judge(state, services)
+    _, anew = judge(with_(state, revised={"from": TASK, "given-up": "Nothing."}), services)
+    assert len(reused(services)) == 1 and "test report" in reused(services)[0]
+    told = [{finding.check for finding in report.findings} for report in (audit, anew)]
+    assert told[1] - told[0] == {"revision"}
 
 
 def test_a_run_that_goes_on_knows_what_was_judged(state: RunState, make_services: Make) -> None:

@@ -1,6 +1,6 @@
 """Retries against a real server on loopback, driven by the real langchain-openai client."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import pytest
 from langchain_core.messages import HumanMessage
@@ -52,6 +52,15 @@ def test_retryable_errors_are_tried_again_with_growing_waits(
     assert ask(url, clock).text == "hello"
     assert clock.waits == [1.0, 2.0]
     assert len(script.requests) == 3
+
+
+def test_each_wait_is_twice_the_one_before(server: tuple[Scripted, str], clock: Clock) -> None:
+    script, url = server
+    script.say(503, FAILURE)
+    model = make_chat_model(ModelConfig(model="openai:any", base_url=url, timeout=5), seed=0)
+    with pytest.raises(ProviderFailure):
+        invoke_with_retries(model, [HumanMessage("hi")], replace(clock.retries(), tries=5))
+    assert clock.waits == [1.0, 2.0, 4.0, 8.0]
 
 
 @pytest.mark.parametrize(("asked", "waited"), [("2", 2.0), ("60", 60.0), ("0", 0.0)])

@@ -271,6 +271,13 @@ def test_a_server_without_a_sandbox_checks_programs() -> None:
     assert found.structured_content["accepted"]
 
 
+def test_an_instance_of_a_rejected_run_is_solved_to_see_what_is_wrong(task: Path) -> None:
+    (task / "run.json").write_text('{"status": "rejected"}', encoding="utf-8")
+    server = build_mcp_server(load_config(None, (), {}, unsafe=True))
+    found: Any = asyncio.run(server.call_tool("rollout", {"folder": str(task), "seed": 0}))
+    assert found.structured_content["rollout"]["episode"]["reward"] == pytest.approx(1.0)
+
+
 NO_MESSAGES = {
     b"no JSON": (-32700, "is not JSON", None),
     b'{"jsonrpc": "2.0", "id": 5, "method": "\\ud800"}': (-32700, "surrogates", None),

@@ -22,7 +22,7 @@ from grs_agents.perception.reading.frame_assembly import MOST_FRAME_PIXELS, Scen
 from grs_agents.perception.reading.masks import MOST_MASKS, GivenMasks, find_mask_names, read_masks
 from grs_agents.perception.reading.photo_without_depth import Estimator
 from grs_agents.perception.reading.picture import ColorPicture
-from grs_agents.perception.reading.scene_files import list_files
+from grs_agents.perception.reading.scene_files import has_usual_name, list_files
 from grs_agents.perception.reading.scene_folder import SCENE_SUFFIXES
 from grs_agents.perception.reading.scene_source import check_scene_source, finish_recording, read_scene
 from grs_agents.perception.types import Camera, RGBDFrame
@@ -85,7 +85,8 @@ def read_foreign_scene(
     elif find_capture(source) is not None:
         files = []  # links that lead out of a capture are not followed
     elif is_folder(split_choice(source)[0]):
-        files = [home / path for path in list_files(home) if path.suffix.lower() in SCENE_SUFFIXES]
+        paths = [path for path in list_files(home) if path.suffix.lower() in SCENE_SUFFIXES]
+        files = [home / path for path in paths if has_usual_name(path)]
     else:
         files = [home / "camera.json"]
     links = _find_linked_files(home, files)

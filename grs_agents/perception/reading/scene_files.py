@@ -124,6 +124,11 @@ def is_point_cloud_name(name: str) -> bool:
     return path.suffix in point_cloud.SUFFIXES and not _words(path) & {*DERIVED, *DEPTHS[0], *CAMERAS}
 
 
+def has_usual_name(path: PurePath) -> bool:
+    """Whether the name says that the file is the photo, its depth, its points or its camera."""
+    return bool(_words(path) & _ROLES) or is_point_cloud_name(path.name)
+
+
 def is_camera_name(path: PurePath) -> bool:
     """Whether the name says that the file describes a camera."""
     return bool(_words(path) & set(CAMERAS))

@@ -88,6 +88,21 @@ def test_parts_become_one_mesh_that_looks_the_same() -> None:
     assert np.abs(texels[12:].astype(int) - models.BLUE).max() <= 1
 
 
+def test_each_texel_is_found_again_in_the_one_picture_of_several_parts() -> None:
+    box = trimesh.creation.box((0.1, 0.1, 0.1))
+    vertices, faces = np.asarray(box.vertices), np.asarray(box.faces)
+    middle = (np.arange(12) + 2.5) / 16  # of a texel for each face, along u and down the picture
+    corners = np.array([[-0.2, -0.2], [0.2, -0.2], [0.0, 0.4]]) / 16
+    uvs = np.stack([middle, 1 - middle], axis=1)[:, None] + corners
+    colors = np.random.default_rng(0).integers(0, 256, (3, 16, 16, 3), np.uint8)
+    merged = merge_mesh_parts([MeshPart(vertices + part, faces, uvs, colors[part]) for part in range(3)], 256)
+    height, width = merged.image.shape[:2]
+    at = merged.uvs.mean(axis=1)
+    texels = merged.image[((1 - at[:, 1]) * height).astype(int), (at[:, 0] * width).astype(int)]
+    number = (middle * 16).astype(int)
+    assert np.array_equal(texels, colors[:, number, number].reshape(-1, 3))
+
+
 def test_a_simplified_mesh_keeps_its_size_and_its_colours() -> None:
     ball = trimesh.creation.icosphere(4, 0.05)
     vertices, faces = np.asarray(ball.vertices), np.asarray(ball.faces)

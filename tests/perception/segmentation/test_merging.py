@@ -16,6 +16,13 @@ def _plate(x: float, y: float, z: float, side: float = 0.05) -> np.ndarray:
     return np.stack([x + a, y + b, np.full_like(a, z)], axis=-1)
 
 
+def _ring(inner: float, outer: float, low: float, high: float, rows: int) -> np.ndarray:
+    """(rows, 60, 3) points between two circles, m, rising outwards from one height to another."""
+    angle, share = np.meshgrid(np.linspace(0, 2 * np.pi, 60), np.linspace(0, 1, rows))
+    radius = inner + (outer - inner) * share
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), low + (high - low) * share], axis=-1)
+
+
 def _labels(*pieces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     labels = np.concatenate([np.full(piece.shape[:2], i, np.int32) for i, piece in enumerate(pieces, 1)])
     return labels, np.concatenate(pieces)
@@ -36,6 +43,24 @@ def test_the_near_and_far_half_of_a_bowl_are_one() -> None:
     points = np.stack([radius * np.cos(angle), radius * np.sin(angle), height + 0.01], axis=-1)
     labels = np.where(points[..., 0] > -0.02, 1, 2).astype(np.int32)
     assert len(np.unique(merge_parts(labels, points, _grey(labels)))) == 1
+
+
+def test_a_floor_belongs_to_the_wall_around_it() -> None:
+    labels, points = _labels(_ring(0.08, 0.09, 0.01, 0.08, 20), _ring(0.0, 0.075, 0.01, 0.01, 12))
+    assert len(np.unique(merge_parts(labels, points, _grey(labels)))) == 1
+
+
+def test_an_inner_wall_belongs_to_the_wall_around_it() -> None:
+    labels, points = _labels(_ring(0.08, 0.09, 0.07, 0.08, 20), _ring(0.035, 0.045, 0.03, 0.064, 12))
+    assert len(np.unique(merge_parts(labels, points, _grey(labels)))) == 1
+
+
+def test_a_thing_in_a_tray_of_its_height_is_no_wall_of_it() -> None:
+    x, back = np.meshgrid(np.linspace(-0.1, 0.1, 60), np.linspace(0.1, -0.1, 20))
+    tray = np.stack([x, back, np.where(np.abs(x) > 0.07, 0.08, 0.02)], axis=-1)
+    across, front = np.meshgrid(np.linspace(-0.08, 0.08, 60), np.linspace(-0.04, -0.075, 18))
+    labels, points = _labels(tray, np.stack([across, front, np.full_like(across, 0.08)], axis=-1))
+    assert len(np.unique(merge_parts(labels, points, _grey(labels)))) == 2
 
 
 def test_a_small_cap_belongs_to_its_bottle() -> None:

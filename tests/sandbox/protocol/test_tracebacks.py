@@ -8,6 +8,18 @@ from grs_agents.sandbox.protocol.tracebacks import SIMULATION_FILE, TESTS_FILE, 
 
 SIMULATION = "def fail(): return 1 / 0\ndef parse(): return int('x')\n"
 TESTS = "def test(): fail()\ndef check(): assert False, 'why\\nnot'\n"
+TESTS += """\
+def recover():
+    try:
+        __import__("unittest").TestCase().assertTrue(False)
+    except AssertionError:
+        fail()
+def wrap():
+    try:
+        __import__("unittest").TestCase().assertTrue(False)
+    except AssertionError as error:
+        raise ArithmeticError from error
+"""
 
 
 def _raised(call: str) -> BaseException:
@@ -31,6 +43,15 @@ def test_innermost_program_is_blamed() -> None:
 def test_failed_assertion_belongs_to_the_tests() -> None:
     trace = describe_error(_raised("check()"))
     assert (trace.raised_in, trace.message) == ("tests", "AssertionError: why")
+
+
+@pytest.mark.parametrize("call", ["recover()", "wrap()"])
+def test_the_error_before_an_error_is_told_without_the_frames_of_unittest(call: str) -> None:
+    lines = describe_error(_raised(call)).text.splitlines()
+    [first] = [number for number, line in enumerate(lines) if line.startswith("AssertionError")]
+    assert [line for line in lines[:first] if line.startswith("  File")] == [
+        f'  File "{TESTS_FILE}", line {5 if call == "recover()" else 10}, in {call.removesuffix("()")}'
+    ]
 
 
 def test_no_program_means_library() -> None:
