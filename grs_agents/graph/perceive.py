@@ -179,10 +179,11 @@ def segment_photo(state: RunState, services: Services) -> Update:
 
     found = find_objects(frame, table, robot, segment)
     if not found.objects:
-        raise InputError(
-            f"{state['scene_path']}: nothing on the table is an object: {'; '.join(sorted(set(found.reasons)))}",
-            "clear T_robot_cam (x forward, y left, z up, from the robot's base) of mistakes, or put objects before it",
-        )
+        problem = f"{state['scene_path']}: nothing on the table is an object: {'; '.join(sorted(set(found.reasons)))}"
+        remedy = "put objects onto the table, away from the picture's border"
+        if table.origin == "calibrated":
+            remedy = f"clear T_robot_cam (x forward, y left, z up, from the robot's base) of mistakes, or {remedy}"
+        raise InputError("; ".join([problem, *describe_table_doubts(table)]), remedy)
     for name, mask in ((LEFT_OUT, found.left_out), (ROBOT, robot), (BLUR, found.blur)):
         write_png(services.folder / name, mask.astype(np.uint8) * 255)
     table, candidates = center_objects_in_workspace(table, found.objects)

@@ -83,7 +83,7 @@ def test_the_table_is_told_and_can_be_chosen(tmp_path: Path) -> None:
     assert any("--set scene.table=1" in warning for warning in told["warnings"])
     done = grs("scene", "low", "--out", "floor", "--set", "scene.table=largest", folder=tmp_path)
     assert done.returncode == 2
-    assert "fills the table" in done.stderr
+    assert "nothing on the table is an object" in done.stderr
     assert "--set scene.table=2" in done.stderr
 
 

@@ -19,6 +19,7 @@ from grs_agents.perception.types import Array
 
 CONFIG = DEFAULT.view_fit
 OPEN_TOP = DEFAULT.open_top
+PARALLEL = 1e-12  # a ray's least slope against a pair of sides, which keeps its distances finite
 
 
 @dataclass(frozen=True)
@@ -81,9 +82,9 @@ def fit_box(crop: ObjectCrop, size: tuple[float, float, float]) -> tuple[Array, 
     def cost(values: Array) -> float:
         """Cost of the box as its rays meet it: the slab method (Kay and Kajiya 1986)."""
         center, half, rotation = extents(values)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            inverse = 1 / (rays @ rotation)
-            middle, reach = (center - small.eye) @ rotation * inverse, half * np.abs(inverse)
+        along = rays @ rotation
+        inverse = 1 / np.where(np.abs(along) < PARALLEL, PARALLEL, along)
+        middle, reach = (center - small.eye) @ rotation * inverse, half * np.abs(inverse)
         enter, leave = (middle - reach).max(axis=2), (middle + reach).min(axis=2)
         return _cost_of_depth(small, np.where((enter <= leave) & (enter > 0), enter, 0.0))
 
