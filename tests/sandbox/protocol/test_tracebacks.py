@@ -7,8 +7,9 @@ import pytest
 from grs_agents.sandbox.protocol.tracebacks import SIMULATION_FILE, TESTS_FILE, describe_error, describe_stack_dump
 
 SIMULATION = "def fail(): return 1 / 0\ndef parse(): return int('x')\n"
-TESTS = "def test(): fail()\ndef check(): assert False, 'why\\nnot'\n"
-TESTS += """\
+TESTS = """\
+def test(): fail()
+def check(): assert False, 'why\\nnot'
 def recover():
     try:
         __import__("unittest").TestCase().assertTrue(False)
