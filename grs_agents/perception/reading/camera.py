@@ -68,6 +68,7 @@ class CameraFile:
     notes: tuple[str, ...] = ()
     distortion: LensDistortion | None = None  # of the lens, if it is not negligible
     taken: str = ""  # file and key of the intrinsics; empty for the documented keys of camera.json
+    states_scale: bool = False  # whether the file gives ``depth_scale`` itself
 
 
 def read_camera_file(
@@ -150,7 +151,8 @@ def _camera_from_mapping(
     coefficients = tuple(distortion.get(name, 0.0) for name in order)
     lens = LensDistortion(lens_model, coefficients, str(file))
     camera = camera_from_values(values, str(file))
-    return CameraFile(camera, tuple(notes), None if lens.is_none else lens, "" if standard else file.name)
+    taken = "" if standard else file.name
+    return CameraFile(camera, tuple(notes), None if lens.is_none else lens, taken, "depth_scale" in given)
 
 
 def _distortion_of_key(name: str, value: object, where: str) -> dict[str, float]:

@@ -231,7 +231,7 @@ def _holds_colors(file: Path) -> bool:
 
 def _holds_depth(file: Path) -> bool:
     suffix = file.suffix.lower()
-    return suffix in (".exr", ".npy", ".npz", ".pgm", ".pfm") or (
+    return suffix in (".exr", ".npy", ".npz", ".pgm") or (
         suffix in DEPTH_SUFFIXES and (_picture_mode(file) or "").startswith(("I", "F"))
     )
 

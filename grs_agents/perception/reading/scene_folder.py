@@ -101,7 +101,9 @@ def _add_depth(
             units, stated, encoding = decode_sensor_format(depth)
         unit = guess_depth_unit(units) if stated is None else DepthUnit(stated)
         read = _find_camera(folder, files, size, hint, unit, units) or _missing_camera(folder, files)
-        if stated is not None:  # by the user or the sensor format, before any file
+        if hint.depth_scale is None and read.states_scale:  # then the values are what the file says
+            units, stated, encoding = depth, None, ""
+        if stated is not None:  # by the user or the sensor format
             read = replace(read, camera=read.camera.model_copy(update={"depth_scale": stated}))
         notes += read.notes
         depth_size = (units.shape[1], units.shape[0])

@@ -92,9 +92,14 @@ def finish_recording(recording: SceneRecording, estimate: Estimator | None, fiel
 def read_recording(source: Path, camera: CameraConfig | None = None) -> SceneRecording:
     """The decoded files of a scene. Raises InputError as `read_scene`, for faults of a single file."""
     check_scene_source(source)
+    capture = find_capture(source)
+    own_camera = is_bop_source(source) or capture is not None or source.suffix.lower() == ".npz"
+    if own_camera and camera not in (None, CameraConfig()):
+        remedy = "leave out --camera, --depth-scale and camera.*, which are for folders and photos"
+        raise InputError(f"{source} states its camera itself", remedy)
     if is_bop_source(source):
         return read_bop_image(source)
-    if (capture := find_capture(source)) is not None:
+    if capture is not None:
         return capture.read()
     folder, choice = split_choice(source)
     if is_folder(folder):

@@ -16,7 +16,7 @@ from grs_agents.base.errors import InputError
 from grs_agents.perception.reading.calibration_files import SENSORS
 from grs_agents.perception.reading.foreign_scene import read_foreign_scene
 from grs_agents.perception.reading.scene_source import check_scene_source, read_scene, short_scene_name
-from tests.perception.reading.conftest import CX, CY, FX, FY, HEIGHT, WIDTH, Truth, png
+from tests.perception.reading.conftest import CX, CY, FX, FY, HEIGHT, WIDTH, Truth, png, write_npz
 
 MATRIX = [[FX, 0.0, CX], [0.0, FY, CY], [0.0, 0.0, 1.0]]
 ROWS = [number for row in MATRIX for number in row]
@@ -266,6 +266,21 @@ def test_encodings_of_sensors_are_recognised_and_named(tmp_path: Path, truth: Tr
     frame = read_scene(folder)
     assert np.abs(frame.depth - truth.depth).max() < tolerance
     assert any(form in note for note in frame.notes)
+
+
+def test_a_stated_scale_prevails_over_a_sensor_format(tmp_path: Path, truth: Truth) -> None:
+    camera = ("camera.json", json.dumps({"K": MATRIX, "depth_scale": 0.001}))
+    folder = write_capture(tmp_path, truth, "rgb.png", "depth.png", camera)
+    clipped = np.where(truth.depth > 0, millimetres(truth), 2047).astype(np.uint16)
+    (folder / "depth.png").write_bytes(png(clipped))
+    assert np.abs(read_scene(folder).depth - clipped / 1000).max() < 1e-6
+
+
+def test_statements_on_a_camera_that_the_scene_states_are_refused(tmp_path: Path, truth: Truth) -> None:
+    source = write_npz(tmp_path / "scene.npz", truth)
+    with pytest.raises(InputError, match="states its camera itself") as refusal:
+        read_scene(source, camera=CameraConfig(intrinsics="kinect-v1"))
+    assert "--camera" in refusal.value.remedy
 
 
 @pytest.mark.parametrize("swapped", [False, True])

@@ -151,4 +151,4 @@ def test_a_camera_survives_its_own_json(tmp_path_factory: pytest.TempPathFactory
     file = tmp_path_factory.mktemp("camera") / "camera.json"
     camera = Camera.model_validate(values)
     file.write_text(camera.model_dump_json())
-    assert read_camera_file(file) == CameraFile(camera)
+    assert read_camera_file(file) == CameraFile(camera, states_scale=True)
