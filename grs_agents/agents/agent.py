@@ -85,18 +85,15 @@ class Agents:
             role: an agent role.
             values: the prompt's variables.
             parse: raises ``ReplyError`` on a reply of the wrong form.
-            images: picture files relative to the run folder, sent before the text in this order.
+            images: picture files relative to the run folder, sent after the text in this order.
             prompt_of: the role whose prompt is used, if not ``role``'s.
         """
         from langchain_core.messages import AIMessage, HumanMessage
 
         prompt_role = prompt_of or role
         file = content.content_path("prompts", getattr(self.config.prompts, prompt_role))
-        text = render_prompt_template(file, prompt_role, values)
-        blocks: list[str | dict[Any, Any]] = [
-            image_block_from_file(resolve_member_file(self.folder, image)) for image in images
-        ]
-        messages: list[BaseMessage] = [HumanMessage(content=[*blocks, {"type": "text", "text": text}])]
+        blocks = [image_block_from_file(resolve_member_file(self.folder, image)) for image in images]
+        messages = render_prompt_template(file, prompt_role, values).to_messages(blocks)
         problem = ""
         tries = self.config.reply_retries + 1
         for _ in range(tries):
@@ -120,13 +117,15 @@ class Agents:
         pictures: tuple[str, ...],
         ask: Callable[[], Answer] | None = None,
     ) -> tuple[str | None, str]:
-        """The reply to ``messages``, recorded or new; ``pictures`` are in the first message.
+        """The reply to ``messages``, recorded or new; ``pictures`` are in the first user message.
 
         ``ask`` replaces the plain call of the model with the messages.
 
         Returns: the text of the reply and an empty problem, or None and the problem.
         """
-        digest, text = digest_prompt(role, messages, pictures), str(messages[-1].text)
+        digest = digest_prompt(role, messages, pictures)
+        answered = max((number for number, item in enumerate(messages, 1) if item.type == "ai"), default=0)
+        text = "\n\n".join(str(item.text).strip() for item in messages[answered:])
         reply = self.earlier.take_reply(digest)
         if reply is not None:
             self.log.append(Note(level="info", text=f"the reply to {reply.call} was paid for and is used again"))
@@ -136,7 +135,7 @@ class Agents:
             if recorded is None and self.config.cassette and not self.config.record:
                 raise explain_missing_reply(self.config.cassette, role, text)
             call, spec = f"{role}-{uuid4().hex[:8]}", self.config.model_for_role(role)
-            shown = pictures if len(messages) == 1 else ()
+            shown = () if answered else pictures
             self.log.append(Prompt(call=call, role=role, model=spec.model, text=text, images=shown, digest=digest))
             if recorded is None:
                 reply = self._request_reply(

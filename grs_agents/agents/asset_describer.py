@@ -6,11 +6,9 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from langchain_core.language_models.chat_models import BaseChatModel
-from langchain_core.messages import HumanMessage
 from pydantic import Field, ValidationError
 
 from grs_agents.agents.agent import image_block_from_array
@@ -106,14 +104,13 @@ def describe_assets(
             "colors": visible_color_names(views),
             "hollow": asset.hollow,
         }
-        text = render_prompt_template(content.content_path("prompts", PROMPT), PROMPT, {"facts": json.dumps(facts)})
-        blocks: list[str | dict[Any, Any]] = [
-            image_block_from_array(composite_over_white(view)[:, :, ::-1]) for view in views
-        ]
-        message = HumanMessage(content=[*blocks, {"type": "text", "text": text}])
+        prompt = render_prompt_template(content.content_path("prompts", PROMPT), PROMPT, {"facts": json.dumps(facts)})
+        messages = prompt.to_messages(
+            [image_block_from_array(composite_over_white(view)[:, :, ::-1]) for view in views]
+        )
         for _ in range(_TRIES):
             try:
-                answer = invoke_with_retries(model, [message], make_retries(spec))
+                answer = invoke_with_retries(model, messages, make_retries(spec))
                 words = parse_json(answer.text, AssetDescription)
             except (ReplyProblem, ReplyError) as error:
                 warn(f"{asset.name}: {error}")

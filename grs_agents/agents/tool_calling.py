@@ -66,9 +66,9 @@ def ask_with_tools(
         f"## Tools\n\nYou may call tools ({', '.join(calling.tools)}), {calling.steps} times in all, before you hand "
         "in your reply in the form asked for. A program that you only checked is not handed in: reply with it."
     )
-    text = f"{render_prompt_template(file, role, values)}\n\n{tools}"
-    blocks: list[str | dict[Any, Any]] = [image_block_from_file(resolve_member_file(agents.folder, i)) for i in images]
-    messages: list[BaseMessage] = [HumanMessage(content=[*blocks, {"type": "text", "text": text}])]
+    prompt = render_prompt_template(file, role, values)
+    blocks = [image_block_from_file(resolve_member_file(agents.folder, image)) for image in images]
+    messages = replace(prompt, system=f"{prompt.system}\n\n{tools}").to_messages(blocks)
     model = LoggedToolModel(agents=agents, role=role, pictures=tuple(images), graph=calling.graph)
     limit = {"recursion_limit": 4 * (calling.steps + agents.config.reply_retries + 4)}
     graph: Any = create_agent(model, _CountedTools(agents, role, calling).build_langchain_tool_list())

@@ -48,7 +48,8 @@ def test_a_usable_reply_is_parsed_and_the_whole_exchange_is_logged(tmp_path: Pat
     [(prompt, reply)] = exchanges(agents)
     assert (prompt.role, reply.role) == ("route", "route")
     assert "fix_code: version 2" in prompt.text
-    assert [str(message.text) for message in agents.script.asked[0]] == [prompt.text]
+    assert [message.type for message in agents.script.asked[0]] == ["system", "human"]
+    assert all(str(message.text).strip() in prompt.text for message in agents.script.asked[0])
     assert (reply.text, reply.input_tokens, reply.output_tokens, reply.error) == (GOOD, 11, 5, "")
 
 
@@ -63,11 +64,12 @@ def test_after_an_unusable_reply_the_model_is_shown_it_with_what_is_wrong(tmp_pa
     agents = scripted(tmp_path, [BAD, GOOD])
     assert isinstance(ask(agents), RouterReply)
     first, second = agents.script.asked
-    question, custom, complaint = second
-    assert [question] == first
+    *question, custom, complaint = second
+    assert question == first
     assert isinstance(custom, AIMessage) and custom.text == BAD
     assert isinstance(complaint, HumanMessage) and "fix_code or fix_test" in complaint.text
-    assert [prompt.text for prompt, _ in exchanges(agents)] == [question.text, complaint.text]
+    asked = "\n\n".join(str(message.text).strip() for message in question)
+    assert [prompt.text for prompt, _ in exchanges(agents)] == [asked, complaint.text]
     assert [reply.text for _, reply in exchanges(agents)] == [BAD, GOOD]
 
 
@@ -76,14 +78,14 @@ def test_of_two_unusable_replies_the_model_is_shown_both(tmp_path: Path) -> None
     ask(agents)
     last = agents.script.asked[2]
     assert [message.text for message in last if isinstance(message, AIMessage)] == [BAD, "Neither."]
-    assert [message.type for message in last] == ["human", "ai", "human", "ai", "human"]
+    assert [message.type for message in last] == ["system", "human", "ai", "human", "ai", "human"]
 
 
 @pytest.mark.parametrize("unusable", [say(""), say("half of a rep", "length")], ids=["empty", "cut off"])
 def test_a_reply_that_is_not_whole_is_asked_for_again(tmp_path: Path, unusable: AIMessage) -> None:
     agents = scripted(tmp_path, [unusable, GOOD])
     assert isinstance(ask(agents), RouterReply)
-    assert [message.type for message in agents.script.asked[1]] == ["human", "ai", "human"]
+    assert [message.type for message in agents.script.asked[1]] == ["system", "human", "ai", "human"]
     [(_, first), (_, second)] = exchanges(agents)
     assert first.error and first.error in str(agents.script.asked[1][-1].text)
     assert (second.text, second.error) == (GOOD, "")
@@ -117,14 +119,14 @@ def test_a_provider_that_refuses_the_key_ends_it_at_once(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(("side", "shown"), [(3000, IMAGE_SIDES[1]), (40, IMAGE_SIDES[0]), (600, 600)])
-def test_pictures_are_sent_once_before_the_text_and_as_large_as_needed(tmp_path: Path, side: int, shown: int) -> None:
+def test_pictures_are_sent_once_after_the_text_and_as_large_as_needed(tmp_path: Path, side: int, shown: int) -> None:
     cv2.imwrite(str(tmp_path / "photo.png"), np.full((side // 2, side, 3), 90, np.uint8))
     task = '```json\n{"task-name": "t", "task-description": "d", "assets-used": ["a"]}\n```'
     agents = scripted(tmp_path, ["no", task])
     assert roles.author_task(agents, {"objects": [{"asset": "a"}]}, [], ["photo.png"]) == TASK
-    question, _, complaint = agents.script.asked[1]
-    image, text = (block for block in question.content if isinstance(block, dict))
-    assert (image["type"], text["type"]) == ("image", "text")
+    _, question, _, complaint = agents.script.asked[1]
+    text, image = (block for block in question.content if isinstance(block, dict))
+    assert (text["type"], image["type"]) == ("text", "image")
     sent = cv2.imdecode(np.frombuffer(base64.b64decode(image["base64"]), np.uint8), cv2.IMREAD_COLOR)
     assert sent is not None and sent.shape == (shown // 2, shown, 3)
     assert isinstance(complaint.content, str)

@@ -19,9 +19,18 @@ def prompt_file(folder: Path, text: str) -> Path:
 def test_values_are_never_scanned_again_and_the_front_matter_is_not_shown(tmp_path: Path) -> None:
     file = prompt_file(tmp_path, f"{HEAD}code: {{{{code}}}} task: {{{{ task }}}} {{code}}")
     shown = render_prompt_template(file, "tests", {"code": "x = '{{task}}'", "task": "T"})
-    assert shown == "code: x = '{{task}}' task: T {code}"
+    assert (shown.system, shown.user) == ("", "code: x = '{{task}}' task: T {code}")
     template = read_prompt_template(file)
     assert (template.role, template.inputs, template.reply) == ("tests", ("code", "task"), "python")
+
+
+def test_a_rule_ends_the_system_message_and_pictures_follow_the_text(tmp_path: Path) -> None:
+    file = prompt_file(tmp_path, f"{HEAD}# Role: tests\n\n---\n\n{{{{code}}}} {{{{task}}}}\n")
+    image = {"type": "image", "base64": "AAAA", "mime_type": "image/jpeg"}
+    shown = render_prompt_template(file, "tests", {"code": "---\nc", "task": "T"})
+    system, user = shown.to_messages([image])
+    assert (system.type, system.content, user.type) == ("system", "# Role: tests", "human")
+    assert user.content == [{"type": "text", "text": "---\nc T\n"}, image]
 
 
 @pytest.mark.parametrize("values", [{}, {"code": "c"}, {"code": "c", "task": "t", "more": "m"}])

@@ -60,11 +60,12 @@ class ScriptedServer:
 
     def reply(self, body: Json) -> tuple[str, str]:
         """The role, and the scripted reply: the rules of the offline model, over the wire of another provider."""
-        content = body["messages"][0]["content"]
-        parts: list[dict[str, Any]] = [{"type": "text", "text": content}] if isinstance(content, str) else content
-        text = "\n".join(part["text"] for part in parts if part["type"] == "text")
+        system, user = body["messages"][:2]
+        content: Any = user["content"]
+        parts: list[Any] = [{"type": "text", "text": content}] if isinstance(content, str) else content
+        text, more = f"{system['content']}\n\n{parts[0]['text']}", parts[1:]
         role = text.split("\n", 1)[0].removeprefix("# Role: ").strip()
-        urls = [part["image_url"]["url"] for part in parts if part["type"] == "image_url"]
+        urls = [part["image_url"]["url"] for part in more if part["type"] == "image_url"]
         for url in urls:
             assert base64.b64decode(url.partition("base64,")[2])[:2] == b"\xff\xd8"
         self.roles.append(role)

@@ -51,7 +51,7 @@ class Eyes(BaseChatModel):
         run_manager: CallbackManagerForLLMRun | None = None,
         **kwargs: Any,
     ) -> ChatResult:
-        numbers = [int(found) for found in re.findall(r'^{"id":(\d+)', str(messages[0].text), re.MULTILINE)]
+        numbers = [int(found) for found in re.findall(r'^{"id":(\d+)', str(messages[1].text), re.MULTILINE)]
         self.meet(numbers)
         plain = {"is_object": True, "color": "red", "shape": "box", "category": "thing"}
         rows = [{"id": one, "description": f"thing {one}", **plain, **self.says.get(one, {})} for one in numbers]

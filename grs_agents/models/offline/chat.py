@@ -10,7 +10,7 @@ import numpy as np
 from langchain_core.callbacks import CallbackManagerForLLMRun
 from langchain_core.language_models import LanguageModelInput
 from langchain_core.language_models.chat_models import BaseChatModel
-from langchain_core.messages import AIMessage, BaseMessage, HumanMessage, ToolCall, ToolMessage
+from langchain_core.messages import AIMessage, BaseMessage, HumanMessage, SystemMessage, ToolCall, ToolMessage
 from langchain_core.messages.ai import UsageMetadata
 from langchain_core.outputs import ChatGeneration, ChatResult
 from langchain_core.runnables import Runnable
@@ -112,12 +112,13 @@ class OfflineChatModel(BaseChatModel):
         return ChatResult(generations=[ChatGeneration(message=message)])
 
     def _answer_last_prompt(self, messages: list[BaseMessage]) -> str:
-        for message in reversed(messages):
-            if not isinstance(message, HumanMessage):
-                continue
-            prompt = parse_prompt(str(message.text))
+        system = "\n\n".join(str(message.text) for message in messages if isinstance(message, SystemMessage))
+        asked = [message for message in messages if isinstance(message, HumanMessage)]
+        for message in reversed(asked):
+            text = f"{system}\n\n{message.text}" if message is asked[0] else str(message.text)
+            prompt = parse_prompt(text)
             if prompt is not None and prompt.role in ROLES:
-                seeding = str(message.text)
+                seeding = text
                 if prompt.role == "task":  # neither the prompt's words nor a millimetre change the choice
                     objects = parse_scene_objects(prompt.section_json("scene"))
                     seeding = "\n".join(sorted(obj.asset for obj in objects))
