@@ -4,15 +4,19 @@ from collections.abc import Iterable
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
+import trimesh
 
 from grs_agents.base import Pose
 from grs_agents.library.asset import Asset
 from grs_agents.library.library import Library
+from grs_agents.library.posed_meshes import visual_triangle_corners
 from grs_agents.library.shapes import matrix_from_quaternion
 from grs_agents.perception import types
 from grs_agents.perception.proxies.meshes import inside_colliders_mask
-from grs_agents.perception.types import SceneDescription
+from grs_agents.perception.types import SceneDescription, TableFrame
 from grs_agents.sim.world.collision_volumes import measure_inner_size
+from grs_agents.sim.world.footprints import object_prism_at_pose
 
 WORKSPACE = {"x": list(types.X), "y": list(types.Y), "radius": types.FARTHEST}
 """Reach of the arm: metres in the robot frame, radius from its base."""
@@ -23,6 +27,11 @@ _TOP, _FLAT = 0.006, 0.5
 cover, or objects placed on it tip; the top of a standing cylinder covers 0.79."""
 _TURNED: Final = 0.005
 """Least difference (m) of the extents along the robot's axes and the object's own at which a prompt has both."""
+_LEANING: Final = 8
+"""Least angle (degrees) between the vertical and the nearest axis of an object that leans."""
+_FILLED: Final = 0.75
+"""A reconstructed object leans if a tilted box around it has less than this share of an upright box's volume: shares
+of upright boxes, cans and bottles in 24 photos are above 0.85."""
 
 
 def scene_for_prompt(scene: SceneDescription, library: Library) -> dict[str, Any]:
@@ -30,14 +39,15 @@ def scene_for_prompt(scene: SceneDescription, library: Library) -> dict[str, Any
 
     Left out are ``own_size`` if it is ``size``, ``reachable`` unless it is false, and ``hollow``, ``floats`` and
     ``uneven_top`` unless they are true; the top of a library asset is known by its name. ``cannot_be_picked`` is the
-    reason why the robot failed to pick the object, or why no task may use it.
+    reason why the robot failed to pick the object, or why no task may use it. What floats is on nothing that is known.
+    ``leans``: by how many degrees its nearest axis is off the vertical. ``directions_in_photo`` is for words of sides.
     """
     objects: list[dict[str, Any]] = []
     for item in scene.objects:
         pose = item.settled or (item.position, item.orientation)
         asset, turn = library.asset(item.asset), matrix_from_quaternion(pose[1])
         upright = turn[2, 2] > _UPRIGHT
-        size = np.asarray(asset.size) if item.round and upright else np.abs(turn) @ asset.size
+        size = np.asarray(asset.size) if item.round and upright else _extents_along_robot_axes(asset, pose, library)
         fields: dict[str, Any] = {
             "name": item.name,
             "asset": item.asset,
@@ -59,14 +69,18 @@ def scene_for_prompt(scene: SceneDescription, library: Library) -> dict[str, Any
         is_proxy = asset.category == "proxy" and not asset.hollow
         if is_proxy and _flat_top_share_of_footprint(asset, pose, library) < _FLAT:
             fields["uneven_top"] = True
+        if lean := _lean_angle(asset, pose, library, is_proxy and "uneven_top" in fields):
+            fields["leans"] = lean
         objects.append(fields | (_hollow_fields_for_prompt(asset, library) if upright else {}))
     by_name = {fields["name"]: fields for fields in objects}
     for relation in scene.relations:
-        if relation.kind == "touching":
-            by_name[relation.subject].setdefault("touching", []).append(relation.reference)
+        fields = by_name[relation.subject]
+        if relation.kind == "touching" or (relation.kind == "on" and "floats" in fields):
+            fields.setdefault("touching", []).append(relation.reference)
         else:
-            by_name[relation.subject][relation.kind] = relation.reference
-    return {"workspace": WORKSPACE, "objects": objects}
+            fields[relation.kind] = relation.reference
+    directions = _directions_in_photo(scene.frame)
+    return {"workspace": WORKSPACE} | ({"directions_in_photo": directions} if directions else {}) | {"objects": objects}
 
 
 def fixture_assets_for_prompt(library: Library) -> list[dict[str, Any]]:
@@ -82,6 +96,54 @@ def fixture_assets_for_prompt(library: Library) -> list[dict[str, Any]]:
         for asset in library.assets()
         if asset.fixture
     ]
+
+
+def _directions_in_photo(frame: TableFrame) -> dict[str, str]:
+    """The directions in the photo that lead to the robot's left and away from it, in words; empty if unknown.
+
+    They are those of the axes y and x at the middle of the workspace, in the photo's picture plane.
+    """
+    transform = np.asarray(frame.T_robot_cam, dtype=np.float64)
+    if transform.shape != (4, 4):
+        return {}
+    middle = np.array([sum(types.X) / 2, sum(types.Y) / 2, frame.height])
+    steps = np.array([(0, 0, 0), (0, 0.05, 0), (0.05, 0, 0)])
+    points = (middle + steps - transform[:3, 3]) @ transform[:3, :3]
+    if (points[:, 2] <= 0).any():
+        return {}
+    pixels = points[:, :2] / points[:, 2:]
+    words: dict[str, str] = {}
+    for name, (right, down) in zip(("left of", "behind"), pixels[1:] - pixels[0], strict=True):
+        parts = [(abs(down), "down" if down > 0 else "up"), (abs(right), "right" if right > 0 else "left")]
+        longest = max(length for length, _ in parts)
+        # a direction counts from 22.5 degrees off the other on, so that there are eight
+        words[name] = " and ".join(word for length, word in parts if length > np.tan(np.pi / 8) * longest)
+    return words
+
+
+def _extents_along_robot_axes(asset: Asset, pose: Pose, library: Library) -> npt.NDArray[np.float64]:
+    """Extents (m) along the robot's axes, even about the centre; of its box or of its colliders, if these are less."""
+    prism = object_prism_at_pose(library.load_object_model(asset.name), pose)
+    x, y = 2 * np.abs(prism.outline - pose[0][:2]).max(axis=0)
+    z = 2 * max(prism.high - pose[0][2], pose[0][2] - prism.low)
+    return np.minimum(np.abs(matrix_from_quaternion(pose[1])) @ asset.size, (x, y, z))
+
+
+def _lean_angle(asset: Asset, pose: Pose, library: Library, is_uneven: bool) -> int:
+    """Angle (degrees) between the vertical and the nearest axis of an object; 0 if it stands or lies straight.
+
+    An asset has axes of its own; those of a reconstructed object are those of the least box around it, if
+    ``is_uneven``, since a straight box or can has a level top.
+    """
+    turn = matrix_from_quaternion(pose[1])
+    if is_uneven:
+        corners = visual_triangle_corners(asset.name, library).reshape(-1, 3) @ turn.T
+        to_box, tilted = trimesh.bounds.oriented_bounds(corners)
+        _, level = trimesh.bounds.oriented_bounds_2D(corners[:, :2])
+        if np.prod(tilted) < _FILLED * np.prod(level) * np.ptp(corners[:, 2]):
+            turn = np.linalg.inv(to_box)[:3, :3]
+    angle = round(float(np.degrees(np.arccos(min(1.0, np.abs(turn[2]).max())))))
+    return angle if angle >= _LEANING else 0
 
 
 def _flat_top_share_of_footprint(asset: Asset, pose: Pose, library: Library) -> float:

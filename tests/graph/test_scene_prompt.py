@@ -3,6 +3,7 @@
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 
 from grs_agents.graph.scene_prompt import fixture_assets_for_prompt, scene_for_prompt
@@ -65,6 +66,49 @@ def test_a_round_thing_is_as_wide_whichever_way_it_is_turned() -> None:
     bowl = told(thing("bowl", "bowl/bowl.urdf", 0.5, 0.03, yaw=0.7, round=True))["bowl"]
     assert bowl["size"] == [0.16, 0.16, 0.06]
     assert "own_size" not in bowl
+
+
+def test_a_cylinder_is_as_wide_whichever_way_it_is_turned() -> None:
+    tin = told(thing("tin", "HOPE/Tuna.urdf", 0.5, 0.016, yaw=math.pi / 4))["tin"]
+    # the corners of its box would be 9.7 cm apart
+    assert max(tin["size"][:2]) < 0.08
+
+
+@pytest.mark.parametrize(("tilt", "leans"), [(0.0, None), (math.radians(20), 20), (math.pi / 2, None)])
+def test_an_object_that_leans_has_its_angle(tilt: float, leans: int | None) -> None:
+    milk = told(thing("milk", "HOPE/Milk.urdf", 0.5, 0.1, orientation=quaternion_from_rpy(tilt, 0.0, 0.3)))["milk"]
+    assert milk.get("leans") == leans
+
+
+def test_an_object_that_floats_is_on_nothing_that_is_known() -> None:
+    found = told(
+        thing("box", "HOPE/Cookies.urdf", 0.4, 0.083),
+        thing("mug", "mug/mug.urdf", 0.4, 0.21, held=True),
+        relations=({"kind": "on", "subject": "mug", "reference": "box"},),
+    )
+    assert (found["mug"]["floats"], found["mug"]["touching"], found["mug"].get("on")) == (True, ["box"], None)
+
+
+@pytest.mark.parametrize(
+    ("camera_x", "camera_y", "camera_z", "directions"),
+    [
+        # a camera on the robot's side looks the robot's way, a camera on the far side looks back at it
+        ((0, -1, 0), (0, 0, -1), (1, 0, 0), {"left of": "left", "behind": "up"}),
+        ((0, 1, 0), (0, 0, -1), (-1, 0, 0), {"left of": "right", "behind": "down"}),
+        ((1, 0, 0), (0, 0, -1), (0, 1, 0), {"left of": "up", "behind": "right"}),
+    ],
+)
+def test_sides_are_led_into_the_photo(
+    camera_x: tuple[float, ...], camera_y: tuple[float, ...], camera_z: tuple[float, ...], directions: dict[str, str]
+) -> None:
+    level = np.array([camera_x, camera_y, camera_z], dtype=float).T
+    pitch = math.radians(40)  # down
+    turn = level @ np.array([[1, 0, 0], [0, math.cos(pitch), math.sin(pitch)], [0, -math.sin(pitch), math.cos(pitch)]])
+    transform = np.eye(4)
+    transform[:3, :3], transform[:3, 3] = turn, np.array([0.5, 0.0, 0.0]) - 0.9 * turn[:, 2]
+    frame = FRAME | {"T_robot_cam": tuple(map(tuple, transform))}
+    scene = {"source": "s", "image": "i", "frame": frame, "objects": (), "relations": ()}
+    assert scene_for_prompt(SceneDescription.model_validate(scene), LIBRARY)["directions_in_photo"] == directions
 
 
 def test_relations_are_told_of_their_subject() -> None:

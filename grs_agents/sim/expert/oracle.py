@@ -399,13 +399,17 @@ class Oracle:
         hold = find_grasp(scene.physics, number, scene.object_prism(number), scene.prisms_of_other_objects(number))
         if hold.point is not None:
             return hold.point
-        movable = [other for other in hold.covered_by if scene.may_robot_move(other)]
+        movable = [other for other in hold.hindered_by if scene.may_robot_move(other)]
         if movable:  # off it altogether: moved within it, it would cover it again
             return BlockedTarget(movable[0], (scene.object_prism(number),))
         name = scene.object_label(number)
-        if hold.covered_by:
-            detail = f"the top of {name} is covered by {describe_unmovables(hold.covered_by, scene)}"
-            return make_oracle_stop("unreachable", detail, scene, number, *hold.covered_by)
+        if hold.hindered_by:
+            over = [other for other in hold.hindered_by if other in hold.covered_by]
+            beside = [other for other in hold.hindered_by if other not in hold.covered_by]
+            reasons = [f"the top of {name} is covered by {describe_unmovables(over, scene)}"] if over else []
+            if beside:
+                reasons.append(f"{name} leaves no room for the cup beside {describe_unmovables(beside, scene)}")
+            return make_oracle_stop("unreachable", "; ".join(reasons), scene, number, *hold.hindered_by)
         why = "is flat and wide enough for the cup to seal"
         if hold.trouble == "would_tip":
             why = "is so near to the middle of its weight that it would not tip off the cup"

@@ -70,7 +70,8 @@ class GraspSearchResult:
     """Outcome of a grasp search."""
 
     point: Vec3 | None  # contact point of the cup, metres; None without a valid point
-    covered_by: tuple[int, ...] = ()  # ids of the objects on top of it, most frequent first
+    hindered_by: tuple[int, ...] = ()  # ids of the objects on top of it or beside the cup, most frequent first
+    covered_by: frozenset[int] = frozenset()  # of these the objects seen on top of it from above
     trouble: Literal["no_seal", "would_tip"] | None = None  # defect of the best visible point
 
 
@@ -80,7 +81,8 @@ def find_grasp(physics: Physics, number: int, outline: Prism, others: Sequence[P
     ``others`` are thin obstacles that rays would miss.
     """
     best: tuple[float, Vec3 | None] = (np.inf, None)
-    covered: Counter[int] = Counter()
+    hindering: Counter[int] = Counter()
+    covering: set[int] = set()
     nozzle, mass = physics.world.nozzle_for_object(number), physics.object_mass(number)
     center, tips, body = physics.center_of_mass(number), False, nozzle.radius + _CLEAR
     around = find_nearby_prisms(outline, others, (0.0, 0.0), body + _SWAY)
@@ -89,7 +91,9 @@ def find_grasp(physics: Physics, number: int, outline: Prism, others: Sequence[P
             break  # no later point can be better
         height, owner = physics.surface_height_below(x, y)
         if owner != number:
-            covered[owner if height > outline.low else -1] += 1
+            if owner >= 0 and height > outline.low:
+                hindering[owner] += 1
+                covering.add(owner)
             continue
         roughness, obstacle = _estimate_seal_cost(physics, number, x, y, height)
         if obstacle < 0:
@@ -97,7 +101,7 @@ def find_grasp(physics: Physics, number: int, outline: Prism, others: Sequence[P
             roughness += max(0.0, _SWAY - room)
             obstacle = neighbour if room < 0 else -1
         if obstacle >= 0:
-            covered[obstacle] += 1
+            hindering[obstacle] += 1
             continue
         cost = roughness + (_FARTHER * rank if roughness else 0.0)
         leaks = roughness >= _LEAKS and number not in physics.world.beads
@@ -113,8 +117,8 @@ def find_grasp(physics: Physics, number: int, outline: Prism, others: Sequence[P
             break
     if best[1] is not None:
         return GraspSearchResult(best[1])
-    covers = tuple(owner for owner, _ in covered.most_common() if owner >= 0)
-    return GraspSearchResult(None, covers, "would_tip" if tips else "no_seal")
+    hindered_by = tuple(owner for owner, _ in hindering.most_common())
+    return GraspSearchResult(None, hindered_by, frozenset(covering), "would_tip" if tips else "no_seal")
 
 
 def _candidate_grasp_points(center: Vec3, outline: Prism) -> Iterator[tuple[float, float]]:

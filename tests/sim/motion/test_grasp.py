@@ -83,7 +83,7 @@ def test_the_cup_finds_no_seal_on_a_small_ball_nor_on_an_edge(single) -> None:
     assert result.grasped is None
     assert "finds no seal on thing.urdf" in result.note
     assert result.trouble == "no_seal"
-    assert find_grasp(env.physics, 1, env.object_prism(1)) == GraspSearchResult(None, (), "no_seal")
+    assert find_grasp(env.physics, 1, env.object_prism(1)) == GraspSearchResult(None, trouble="no_seal")
     env = single(*box(0.04, 0.04, 0.04), 0.5, 0)
     assert "finds no seal" in env.pick_place(at(0.519, 0, 0.04), at(0.45, 0.2, 0.04)).note
     assert env.pick_place(at(0.51, 0, 0.04), at(0.45, 0.2, 0.04)).note == "placed"
@@ -178,7 +178,7 @@ def test_what_bends_the_cup_too_hard_tips_off_and_no_such_point_is_offered(singl
     ridge = '</geometry></collision><collision><origin xyz="0 0 0.03"/><geometry><box size="0.01 0.06 0.05"/>'
     plate, size = box(0.16, 0.06, 0.02)
     env = single(plate + ridge, size, 0.5, -0.2, 1.4)
-    assert find_grasp(env.physics, 1, env.object_prism(1)) == GraspSearchResult(None, (), "would_tip")
+    assert find_grasp(env.physics, 1, env.object_prism(1)) == GraspSearchResult(None, trouble="would_tip")
     result = env.pick_place(at(0.53, -0.2, 0.02), at(0.53, 0.2, 0.02))
     assert "tipped off the cup: " in result.note and "N m bent it, it bears 0.15 N m" in result.note
     assert result.trouble == "dropped"
