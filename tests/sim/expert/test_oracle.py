@@ -244,8 +244,8 @@ def test_it_takes_out_of_a_fixture_what_covers_its_only_flat_place() -> None:
 def test_a_neighbour_that_leaves_the_cup_no_room_does_not_cover_the_top() -> None:
     def scene(task, env) -> None:
         butter = env.add_object("HOPE/Butter.urdf", at(0.5, 0.0, 0.027))
-        for side in (-1, 1):  # tall and fixed, 1 mm beside its 24 mm
-            env.add_object("HOPE/Milk.urdf", at(0.5 + side * (0.013 + 0.036), 0.0, 0.095), "fixed")
+        for x, y in ((-1, -1), (-1, 1), (1, -1), (1, 1)):  # tall and fixed, 1 mm beside its 24 mm, along all of it
+            env.add_object("HOPE/Milk.urdf", at(0.5 + x * (0.013 + 0.0365), y * 0.036, 0.095), "fixed")
         zone_goal(task, [butter], at(0.5, 0.3, 0.001), (0.2, 0.2, 0.0))
 
     episode, _ = run(scene)
