@@ -79,11 +79,4 @@ def _has_photo_pose(item: InstanceObject, place: SceneObject, library: Library) 
 
 def is_tilted(start: Pose, end: Pose) -> bool:
     """True if two poses differ in tilt by more than ``SAME_TILT``."""
-    cosine = sum(a * b for a, b in zip(_object_up_axis(start[1]), _object_up_axis(end[1]), strict=True))
-    return math.acos(max(-1.0, min(1.0, cosine))) > SAME_TILT
-
-
-def _object_up_axis(quaternion: Quat) -> tuple[float, float, float]:
-    """The object's z axis in the robot frame."""
-    x, y, z, w = quaternion
-    return (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y))
+    return transforms.angle_between_up_axes(start[1], end[1]) > SAME_TILT

@@ -11,6 +11,7 @@ from grs_agents.audit.pose_changes import find_pose_changes, is_tilted
 from grs_agents.audit.types import AuditFinding, join_first_distinct
 from grs_agents.library.library import Library
 from grs_agents.perception.types import SceneDescription
+from grs_agents.sim.goals.scores import DISTURBED
 from grs_agents.sim.instance.task_instance import InstanceObject, TaskInstance
 from grs_agents.sim.rollouts import Rollout
 from grs_agents.sim.world.footprints import Prism, find_prisms_at_pose, margins_inside_outline
@@ -27,8 +28,6 @@ SQUEEZE: Final = 0.75
 """Most sideways force over the weight: less than 0.3 in honest tasks, 1.1 to 6 for objects wedged in a bowl."""
 OPAQUE, BURIED = 0.5, 0.0005
 """Objects of a task are at least so opaque, and marks no deeper (m) under the table top: people must see them."""
-DISTURBED: Final = 0.01
-"""Metres that a bystander may move."""
 SEEN: Final = 0.4
 """Least share of an object's area that must be visible from above at the start or at the end."""
 CONTRAST: Final = 0.05

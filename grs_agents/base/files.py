@@ -5,13 +5,14 @@ on a disk of 5 ms. Files between two durable writes are flushed side by side, wh
 """
 
 import errno
+import hashlib
 import json
 import os
 import shutil
 import stat
 import sys
 from collections import deque
-from collections.abc import Generator
+from collections.abc import Container, Generator, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -211,3 +212,31 @@ def write_json(path: Path, value: Any, durable: bool = False) -> Path:
 
     text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False, default=record_as_json)
     return write_text(path, text + "\n", durable)
+
+
+def hash_folder_files(folder: Path, left_out: Container[str] = ()) -> dict[str, str]:
+    """SHA-256 of each file in a folder, by its path relative to the folder, sorted; files ``left_out`` are not read.
+
+    Raises:
+        InputError: a file cannot be read.
+    """
+    hashes: dict[str, str] = {}
+    files = {file.relative_to(folder).as_posix(): file for file in folder.rglob("*") if file.is_file()}
+    for name, file in sorted(files.items()):
+        if name in left_out:
+            continue
+        try:
+            with file.open("rb") as stream:  # of any size
+                hashes[name] = hashlib.file_digest(stream, "sha256").hexdigest()
+        except OSError as error:
+            raise InputError(f"cannot read {file}: {error.strerror}", "restore the file") from error
+    return hashes
+
+
+def describe_hash_differences(before: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
+    """A line for each file that is missing, was added or was changed, beginning with its name."""
+    for name in sorted({*before, *now}):
+        if before.get(name) != now.get(name):
+            change = "is missing" if name not in now else "was added" if name not in before else "was changed"
+            line = name.replace("\n", "\\n")  # keeps a name from forging a line of the report
+            yield f"{line}: it {change}"

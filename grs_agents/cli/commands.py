@@ -94,6 +94,8 @@ RunFolder = Annotated[
 _PORTABLE = "For MuJoCo 3.3 and dm_control too: suction by an adhesion actuator, no sleep."
 _FOLDER = "A new or empty folder, or an earlier export; beside the run by default."
 RunStatus = Literal["running", "accepted", "rejected", "failed", "interrupted", "waiting"]
+_POLICY = "oracle, random, openpi:ws://HOST:PORT or package.module:Class."
+_LATENCY = "Simulated seconds that the robot waits for each reply."
 _SEEDS = "How many task instances to solve; audit.seeds by default."
 Seeds = Annotated[int | None, typer.Option("--seeds", help=_SEEDS, min=1, max=100)]
 _PAGE = "The file, - for the page on standard output; report.html in the run folder by default."
@@ -202,10 +204,14 @@ def check(
 
 @app.command(rich_help_panel="Look")
 def verify(run: RunFolder, json: Json = False, unsafe: Unsafe = False) -> None:
-    """See whether a run is unchanged and its audit comes out the same.
+    """See whether a run or suite is unchanged, and an audit comes out the same.
 
     Exit status: 0 holds, 1 differs.
     """
+    if (run / "suite.json").is_file():
+        from grs_agents.cli.suites import verify_suite_folder
+
+        sys.exit(verify_suite_folder(run, json))
     from grs_agents.cli.verify import verify_run_folder
 
     sys.exit(verify_run_folder(run, load_effective_config(None, None, unsafe=unsafe).config, json))
@@ -265,10 +271,14 @@ def compare(
     other: Annotated[Path, typer.Argument(help="Another run folder.", autocompletion=complete_run_folder)],
     json: Json = False,
 ) -> None:
-    """Say what differs between two runs.
+    """Say what differs between two runs, or between policies on a suite.
 
-    Compared are outcome, settings, task, counts, seconds and programs.
+    Compared are outcome, settings, task, counts, seconds and programs; of evaluations the success in paired episodes.
     """
+    if (run / "episodes.jsonl").is_file():
+        from grs_agents.cli.suites import print_paired_comparison
+
+        sys.exit(print_paired_comparison(run, other, json))
     from grs_agents.cli.runs import compare_runs
 
     compare_runs(run, other, json)
@@ -429,6 +439,70 @@ def grade(
 
     order = GradeOrder(episodes=episodes, demonstrations=demonstrations, trials=trials, seed=seed or 0)
     sys.exit(print_grade(run, order, workers, json))
+
+
+@app.command(rich_help_panel="Use")
+def suite(
+    folder: Annotated[Path, typer.Argument(help="A new folder for the suite.")],
+    runs: Annotated[
+        list[Path],
+        typer.Argument(help="Accepted runs, or folders of grs instances.", autocompletion=complete_run_folder),
+    ],
+    name: Annotated[str | None, typer.Option("--name", help="Of the suite; the folder's by default.")] = None,
+    instances: Annotated[int, typer.Option("--instances", help="Of each task.", metavar="N", min=1, max=10_000)] = 10,
+    jitter: Jitter = 0.03,
+    yaw: Yaw = 30.0,
+    mass: Mass = 0.0,
+    friction: Friction = 0.0,
+    light: Light = False,
+    texture: Texture = False,
+    distractors: Distractors = 0,
+    graded: Annotated[bool, typer.Option("--grade", help="Measure each task's difficulty: minutes a task.")] = False,
+    workers: Workers = 2,
+    json: Json = False,
+) -> None:
+    """Make a benchmark of accepted tasks.
+
+    Each task gets varied instances that the expert has solved. Begun again after an interruption, the command goes on.
+    """
+    from grs_agents.cli.suites import write_suite
+
+    variation = build_variation_from_options(jitter, yaw, mass, friction, light, texture, distractors)
+    sys.exit(write_suite(folder, runs, name, instances, variation, graded, workers, json))
+
+
+@app.command(rich_help_panel="Use")
+def evaluate(
+    suite: Annotated[Path, typer.Argument(help="A folder that grs suite wrote.")],
+    policy: Annotated[str, typer.Option("--policy", help=_POLICY, metavar="POLICY")],
+    layout: Annotated[str, typer.Option("--layout", help="grs, lerobot, droid or a TOML file.")] = "grs",
+    episodes: Annotated[int, typer.Option("--episodes", help="Of each task.", metavar="N", min=1, max=100_000)] = 10,
+    words: Annotated[str, typer.Option("--words", help="default, specific, vague, or several.")] = "default",
+    task: Annotated[
+        list[str] | None, typer.Option("--task", help="Only this task; repeatable.", metavar="NAME")
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", help="Of random actions.", metavar="N", min=0, max=2**31 - 1)] = 0,
+    timeout: Annotated[float, typer.Option("--timeout", help="Of each reply, seconds.", metavar="S")] = 30.0,
+    latency: Annotated[str, typer.Option("--latency", help=_LATENCY, metavar="S|measured")] = "0",
+    out: Annotated[Path | None, typer.Option("--out", help="A folder for the results.", metavar="DIR")] = None,
+    workers: Workers = 2,
+    json: Json = False,
+) -> None:
+    """Measure how well a policy solves the tasks of a suite.
+
+    A hung or broken policy is an outcome of its episode. Begun again after an interruption, the command goes on.
+    """
+    from grs_agents.cli.suites import evaluate_policy
+
+    settings = {
+        "episodes": episodes,
+        "words": tuple(filter(None, words.split(","))),
+        "tasks": tuple(task or ()),
+        "seed": seed,
+        "timeout": timeout,
+        "latency": latency,
+    }
+    sys.exit(evaluate_policy(suite, policy, layout, out, workers, settings, json))
 
 
 @app.command(rich_help_panel="Look")

@@ -15,7 +15,7 @@ from pydantic import Field, ValidationError
 
 from grs_agents.base import Frozen
 from grs_agents.base.errors import InputError
-from grs_agents.base.files import write_text
+from grs_agents.base.files import describe_hash_differences, hash_folder_files, write_text
 from grs_agents.base.foreign.files import read_bytes, read_json
 from grs_agents.library.library import Library
 from grs_agents.sim.instance.task_instance import TaskInstance
@@ -53,7 +53,7 @@ def write_hashes(folder: Path) -> RunHashes:
         model = library.load_object_model(name)
         parts = {part for shape in (*model.visuals, *model.colliders) for part in (shape.mesh, shape.texture) if part}
         assets[name] = dict(_hash_asset_parts(name, (_manifest_entry_key(name), name, *sorted(parts)), library))
-    hashes = RunHashes(files=_hash_run_files(folder), library=assets)
+    hashes = RunHashes(files=hash_folder_files(folder, _APART), library=assets)
     write_text(folder / FILE, hashes.as_text(), durable=True)
     return hashes
 
@@ -110,10 +110,10 @@ def list_changed_files(folder: Path) -> tuple[str, ...]:
     except InputError as error:
         return (f"{FILE}: {error.message}",)
     changed = [] if read_bytes(folder / FILE) == hashes.as_text().encode() else [f"{FILE}: it was written anew"]
-    changed += _describe_hash_differences(hashes.files, _hash_run_files(folder))
+    changed += describe_hash_differences(hashes.files, hash_folder_files(folder, _APART))
     library = Library()
     for asset, before in sorted(hashes.library.items()):
-        changed += _describe_hash_differences(before, dict(_hash_asset_parts(asset, before, library)))
+        changed += describe_hash_differences(before, dict(_hash_asset_parts(asset, before, library)))
     return tuple(changed)
 
 
@@ -124,28 +124,6 @@ def _read_hashes(folder: Path) -> RunHashes:
         first = error.errors(include_url=False)[0]
         field = ".".join(map(str, first["loc"]))
         raise InputError(f"it is damaged at {field}: {first['msg']}", "restore the file") from error
-
-
-def _describe_hash_differences(before: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
-    for name in sorted({*before, *now}):
-        if before.get(name) != now.get(name):
-            change = "is missing" if name not in now else "was added" if name not in before else "was changed"
-            line = name.replace("\n", "\\n")  # keeps a name from forging a line of the report
-            yield f"{line}: it {change}"
-
-
-def _hash_run_files(folder: Path) -> dict[str, str]:
-    hashes: dict[str, str] = {}
-    files = {file.relative_to(folder).as_posix(): file for file in folder.rglob("*") if file.is_file()}
-    for name, file in sorted(files.items()):
-        if name in _APART:
-            continue
-        try:
-            with file.open("rb") as stream:  # of any size
-                hashes[name] = hashlib.file_digest(stream, "sha256").hexdigest()
-        except OSError as error:
-            raise InputError(f"cannot read {file}: {error.strerror}", "restore the file") from error
-    return hashes
 
 
 def _manifest_entry_key(name: str) -> str:

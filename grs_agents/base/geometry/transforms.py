@@ -65,6 +65,17 @@ def yaw_of_quaternion(quaternion: Sequence[float]) -> float:
     return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
+def angle_between_up_axes(first: Sequence[float], second: Sequence[float]) -> float:
+    """The angle (rad) between the z axes of two rotations (x, y, z, w)."""
+
+    def up_axis(quaternion: Sequence[float]) -> tuple[float, float, float]:
+        x, y, z, w = quaternion
+        return (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y))
+
+    cosine = sum(a * b for a, b in zip(up_axis(first), up_axis(second), strict=True))
+    return math.acos(max(-1.0, min(1.0, cosine)))
+
+
 def quaternion_to_matrix(quaternion: Sequence[float]) -> FloatArray:
     """The 3 x 3 matrix of (x, y, z, w)."""
     x, y, z, w = to_unit_quaternion(quaternion)

@@ -1,4 +1,4 @@
-"""Thresholds on scores: when a goal counts as met, and when an episode counts as solved."""
+"""Thresholds: when a goal counts as met, an episode as solved, and a bystander as moved."""
 
 from typing import Final
 
@@ -10,3 +10,5 @@ SOLVED: Final = 0.99
 """Strict score and published reward from which an episode counts as solved: the default of ``audit.reward``, by which
 the audit accepts a task. CLIPort ends an episode where the sum of rewards passes 0.99. Met objects score 1 in the
 strict score, so it needs no margin for samples."""
+DISTURBED: Final = 0.01
+"""Distance (m) that a bystander may move."""

@@ -1,4 +1,4 @@
-"""Controls: actions as whole picks and pushes, steps of the tip, or joint positions."""
+"""Controls: actions as whole picks and pushes, steps of the tip, joint positions, or joint velocities."""
 
 import math
 from typing import Final, Literal, Protocol, get_args
@@ -13,7 +13,7 @@ from grs_agents.sim.instance.task_instance import TaskInstance
 from grs_agents.sim.motion.joint_controller import CONTROL_RATE, JointController
 from grs_agents.tasks.envs.task_episode import TaskEpisode
 
-ControlName = Literal["pick_place", "push", "ee_delta", "joint_position"]
+ControlName = Literal["pick_place", "push", "ee_delta", "joint_position", "joint_velocity"]
 CONTROLS: Final[tuple[ControlName, ...]] = get_args(ControlName)
 LARGEST_STEP, LARGEST_TURN = 0.03, 0.2
 """Largest step of the tip in a control period of ``ee_delta``: metres along each axis, radians about the vertical."""
@@ -21,8 +21,12 @@ _LOWEST: Final = 0.001
 """Lowest target height of the tip, metres."""
 _WORKSPACE: Final = ((0.1, 0.9), (-0.75, 0.75))
 """Bounds of x and y for primitives, metres."""
-_PERIODS_PER_ACTION: Final = 150
-"""Control periods of an episode for each action that the task allows: the expert needs about half."""
+_SECONDS_PER_ACTION: Final = 6.0
+"""Simulated time of an episode for each action that the task allows: the expert needs about half."""
+VELOCITY_RATE: Final = 15.0
+"""Rate of ``joint_velocity`` (Hz), that of DROID (Khazatsky et al. 2024), rounded to whole physics steps."""
+LARGEST_VELOCITY: Final = 3.0
+"""Joint speed of an action of 1 (rad/s): DROID's largest step of 0.2 rad at 15 Hz."""
 
 
 class Control(Protocol):
@@ -30,6 +34,11 @@ class Control(Protocol):
 
     low: FloatArray  # (D,) bounds of an action
     high: FloatArray
+
+    @property
+    def rate(self) -> float | None:
+        """Actions per second; None for whole motions."""
+        ...
 
     def begin(self, episode: TaskEpisode) -> None:
         """An episode begins."""
@@ -47,6 +56,8 @@ class Control(Protocol):
 class JointPositionControl:
     """Joint positions at the end of the control period (rad, or m of a slide), then suction: on above 0."""
 
+    rate: float = CONTROL_RATE
+
     def __init__(self, arm: Arm) -> None:
         self.low = np.append(arm.lower_joint_limits, -1.0)
         self.high = np.append(arm.upper_joint_limits, 1.0)
@@ -62,7 +73,32 @@ class JointPositionControl:
 
     def horizon(self, max_steps: int) -> int:
         """Control periods."""
-        return _PERIODS_PER_ACTION * max_steps
+        return round(_SECONDS_PER_ACTION * self.rate) * max_steps
+
+
+class JointVelocityControl:
+    """Joint speeds as shares of ``LARGEST_VELOCITY`` (slides: m/s of it), then suction: on above 0.
+
+    A period is 1/15 s, rounded to whole physics steps: 68 ms at 4 ms.
+    """
+
+    def __init__(self, arm: Arm, timestep: float) -> None:
+        self.low, self.high = np.full(arm.dof + 1, -1.0), np.full(arm.dof + 1, 1.0)
+        self.rate = 1.0 / (max(1, round(1.0 / (VELOCITY_RATE * timestep))) * timestep)
+
+    def begin(self, episode: TaskEpisode) -> None:
+        """An episode begins."""
+        self._controller = JointController(episode.physics, self.rate)
+
+    def apply(self, action: FloatArray) -> dict[str, object]:
+        """Simulate a control period."""
+        target = self._controller.reference + action[:-1] * (LARGEST_VELOCITY / self.rate)
+        self._controller.apply(target, bool(action[-1] > 0))
+        return {"blocked": self._controller.blocked}
+
+    def horizon(self, max_steps: int) -> int:
+        """Control periods."""
+        return round(_SECONDS_PER_ACTION * self.rate) * max_steps
 
 
 class EeDeltaControl:
@@ -70,6 +106,8 @@ class EeDeltaControl:
 
     The tool points down; the arm stays where a step is out of reach.
     """
+
+    rate: float = CONTROL_RATE
 
     def __init__(self) -> None:
         self.low, self.high = np.full(5, -1.0), np.full(5, 1.0)
@@ -93,7 +131,7 @@ class EeDeltaControl:
 
     def horizon(self, max_steps: int) -> int:
         """Control periods."""
-        return _PERIODS_PER_ACTION * max_steps
+        return round(_SECONDS_PER_ACTION * self.rate) * max_steps
 
 
 class PrimitiveControl:
@@ -101,6 +139,8 @@ class PrimitiveControl:
 
     Heights are those of the surfaces there.
     """
+
+    rate: float | None = None
 
     def __init__(self, push: bool) -> None:
         (x0, x1), (y0, y1) = _WORKSPACE
@@ -141,6 +181,8 @@ def make_control(name: str, instance: TaskInstance, arm: Arm) -> Control:
             tool = "a spatula" if instance.primitive == "push" else "a suction cup"
             raise InputError(f"control {name!r}: the task's robot has {tool}", f"use control={instance.primitive!r}")
         return PrimitiveControl(name == "push")
+    if name == "joint_velocity":
+        return JointVelocityControl(arm, instance.timestep)
     steps = 1.0 / (CONTROL_RATE * instance.timestep)
     if abs(steps - round(steps)) > 1e-6:
         message = f"control {name!r}: {CONTROL_RATE:g} Hz is no whole number of {1000 * instance.timestep:g} ms steps"

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base.errors import InputError, UnknownNameError
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.sim.arms.registry import get_arm
 from grs_agents.sim.instance.episode import SimulationError
 from grs_agents.sim.motion.joint_controller import CONTROL_RATE
@@ -40,8 +41,8 @@ class GrsEnv(gymnasium.Env[Any, Any]):
 
     Args:
         run: the folder.
-        control: kind of action: ``pick_place``, ``ee_delta`` or ``joint_position``; ``push`` in place of
-            ``pick_place`` where the robot has a spatula.
+        control: kind of action: ``pick_place``, ``ee_delta``, ``joint_position`` or ``joint_velocity``; ``push`` in
+            place of ``pick_place`` where the robot has a spatula.
         cameras: observed cameras: ``photo`` (if the instance has a camera), ``front``, ``wrist``.
         modalities: of their pictures: ``rgb``, ``depth``, ``masks``.
         image_size: rows and columns.
@@ -106,7 +107,7 @@ class GrsEnv(gymnasium.Env[Any, Any]):
         self._dense, self._variation = reward == "dense", variation
         self._instance = first = next(iter(self.instances.values()))
         arm = get_arm(first.robot)
-        self._control = make_control(control, first, arm)
+        self.control_name, self._control = control, make_control(control, first, arm)
         self._state = StateReader(arm, max(len(instance.task_objects) for instance in self.instances.values()))
         self._photographer = Photographer(cameras, modalities, (image_size[0], image_size[1]), renderer)
         self._renderer = Photographer(("front",), ("rgb",), _RENDERED, renderer)
@@ -147,6 +148,16 @@ class GrsEnv(gymnasium.Env[Any, Any]):
     def task_description(self) -> str:
         """The present task in words."""
         return self._instance.language
+
+    @property
+    def action_bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Least and greatest actions (D,) in the units of the control."""
+        return self._control.low, self._control.high
+
+    @property
+    def control_rate(self) -> float | None:
+        """Actions per second; None for whole motions."""
+        return self._control.rate
 
     @property
     def cameras(self) -> tuple[str, ...]:

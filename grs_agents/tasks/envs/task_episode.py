@@ -8,6 +8,7 @@ from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.library.library import Library
 from grs_agents.sim.goals.scores import SOLVED
 from grs_agents.sim.goals.strict_score import StrictScorer
+from grs_agents.sim.instance.episode import GoalOutcome
 from grs_agents.sim.instance.task_instance import TaskInstance
 from grs_agents.sim.tabletop import TabletopSim
 from grs_agents.sim.tabletop_episode import InstanceEpisode, InstanceTask, change_instance
@@ -61,6 +62,10 @@ class TaskEpisode:
     def strict_score(self) -> float:
         """Strict score of all goals now, 0..1."""
         return self._scorer.measure_scene().strict
+
+    def measure_goals(self) -> tuple[GoalOutcome, ...]:
+        """State of each goal now."""
+        return self._scorer.measure_scene().goals
 
     def is_solved(self) -> bool:
         """Whether nothing is held, every goal was met, and both scores reach ``SOLVED``, as in the audit's rollouts."""

@@ -1,0 +1,141 @@
+"""``grs suite`` and ``grs evaluate``."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+from rich.text import Text
+
+from grs_agents.base import terminal
+from grs_agents.base.terminal import print_escaped, print_json
+from grs_agents.sim.variation.types import Variation
+from grs_agents.tasks.suites.evaluation import EvaluationSummary, compare_evaluations, evaluate, make_order
+from grs_agents.tasks.suites.layouts import read_layout
+from grs_agents.tasks.suites.statistics import Interval, PairedComparison
+from grs_agents.tasks.suites.suite import list_changes_of_suite, make_suite
+from grs_agents.views.terminal import show_activity_status
+
+
+def write_suite(
+    folder: Path,
+    runs: Sequence[Path],
+    name: str | None,
+    instances: int,
+    variation: Variation,
+    grade: bool,
+    workers: int,
+    as_json: bool,
+) -> int:
+    """Make a suite of runs and print its tasks."""
+    with show_activity_status("making the suite") as show:
+        suite = make_suite(
+            folder, runs, name or folder.resolve().name, instances, variation, grade, workers=workers, show=show
+        )
+    if as_json:
+        print_json({"folder": str(folder), **suite.model_dump(mode="json", exclude={"tasks": {"__all__": {"files"}}})})
+        return 0
+    console = terminal.make_console()
+    table = Table(box=None, pad_edge=False, header_style="bold", title=f"{folder}: {len(suite.tasks)} tasks")
+    for column in ("task", "robot", "instances", "moves", "difficulty", "tags", "words"):
+        table.add_column(column, overflow="fold")
+    for task in suite.tasks:
+        difficulty = "" if task.difficulty is None else f"{task.difficulty:.2f}"
+        row = (task.name, task.robot, str(len(task.seeds)), str(task.moves), difficulty, ", ".join(task.tags))
+        table.add_row(*map(Text, (*row, task.words["default"])))
+    console.print(table)
+    return 0
+
+
+def verify_suite_folder(folder: Path, as_json: bool) -> int:
+    """Compare a suite's files with their hashes. Returns: exit status, 1 if any differs."""
+    changes = list_changes_of_suite(folder)
+    if as_json:
+        print_json({"status": "differs" if changes else "holds", "differences": list(changes)})
+        return int(bool(changes))
+    console = terminal.make_console()
+    for line in changes:
+        console.print(Text(line))
+    count = len(changes)
+    verdict = (
+        f"does not hold, {count} difference{'s' * (count > 1)}" if changes else "holds: every file is as it was made"
+    )
+    console.print(Text(f"{folder}: {verdict}", style="bold"))
+    return int(bool(changes))
+
+
+def evaluate_policy(
+    folder: Path, policy: str, layout: str, out: Path | None, workers: int, settings: dict[str, Any], as_json: bool
+) -> int:
+    """Evaluate a policy with a progress bar, and print its figures."""
+    order = make_order(folder, policy, read_layout(layout), **settings)
+    place = out or folder.resolve().with_name(f"{folder.resolve().name}-{_file_name(policy)}")
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=terminal.make_console(error=True)) as progress:
+        row = progress.add_task("episodes")
+        try:
+            summary = evaluate(
+                folder, order, place, workers, lambda done, total: progress.update(row, completed=done, total=total)
+            )
+        except KeyboardInterrupt:
+            print_escaped("interrupted; the same command goes on", error=True)
+            raise
+    if as_json:
+        print_json({"folder": str(place), **summary.model_dump(mode="json")})
+        return 0
+    _print_summary(place, summary)
+    return 0
+
+
+def print_paired_comparison(first: Path, second: Path, as_json: bool) -> int:
+    """Compare two evaluations of one suite."""
+    compared = compare_evaluations(first, second)
+    if as_json:
+        print_json(compared.model_dump(mode="json"))
+        return 0
+    terminal.make_console().print(Text(describe_comparison(compared, first.name, second.name)))
+    return 0
+
+
+def describe_comparison(compared: PairedComparison, first: str, second: str) -> str:
+    """A paired comparison in words."""
+    return (
+        f"{second} against {first}: {100 * compared.difference:+.1f} points of success "
+        f"({100 * compared.low:+.1f} to {100 * compared.high:+.1f}, 95 %, clustered by task) in {compared.episodes} "
+        f"paired episodes; only {second} solves {compared.only_second}, only {first} {compared.only_first} "
+        f"(McNemar p = {compared.p_value:.2g})"
+    )
+
+
+def _print_summary(place: Path, summary: EvaluationSummary) -> None:
+    console = terminal.make_console()
+    console.print(Text(f"{summary.policy} on {summary.suite}: success {_percent(summary.success)}", style="bold"))
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for column in ("", "success", "95 %", "episodes", "progress"):
+        table.add_column(column, overflow="fold")
+    groups = [(task.task, task.success, f"{task.progress:.0%}") for task in summary.tasks]
+    groups += [(f"tag: {tag}", interval, "") for tag, interval in summary.by_tag.items()]
+    groups += [(f"words: {words}", interval, "") for words, interval in summary.by_words.items()]
+    for name, interval, progress in groups:
+        bounds = f"{interval.low:.0%} to {interval.high:.0%}"
+        table.add_row(*map(Text, (name, f"{interval.mean:.0%}", bounds, str(interval.count), progress)))
+    console.print(table)
+    outcomes = ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in summary.outcomes.items())
+    console.print(Text(f"outcomes: {outcomes}; progress {summary.progress:.0%}, at best {summary.best_progress:.0%}"))
+    if summary.seconds is not None:
+        console.print(
+            Text(f"a solved episode takes {summary.seconds:.1f} s and {summary.path:.2f} m of the tip's path")
+        )
+    moved = f"{summary.disturbed:.0%} of episodes moved a bystander; {summary.dropped:.2f} objects dropped in each"
+    console.print(Text(moved))
+    console.print(Text(f"rows, motions and figures are in {place}"))
+
+
+def _percent(interval: Interval) -> str:
+    return f"{interval.mean:.1%} ({interval.low:.1%} to {interval.high:.1%}) of {interval.count}"
+
+
+def _file_name(policy: str) -> str:
+    """The policy's name as part of a folder's name."""
+    return "".join(letter if letter.isalnum() else "-" for letter in policy).strip("-")[:60]

@@ -1,0 +1,1 @@
+"""Suites of accepted tasks, and the evaluation of policies on them."""
