@@ -42,15 +42,61 @@ Json = dict[str, Any]
 Task = TypeVar("Task", bound=TaskDefinition)
 
 
-def group_segments(agents: Agents, rows: Sequence[Json], picture: str, images: Sequence[str]) -> Grouping | NoReply:
+def group_segments(
+    agents: Agents, rows: Sequence[Json], size: tuple[int, int], picture: str, images: Sequence[str]
+) -> Grouping | NoReply:
     """Correct a segmentation.
 
     Args:
-        rows: all segments, each with its ``id``.
+        rows: all segments, each with its ``id`` and its ``box``.
+        size: width and height of the picture, pixels.
         picture: text that describes ``images``.
     """
     values = {"segments": to_json_lines(rows), "picture": picture}
-    return agents.ask_role("group", values, lambda text: parse_json(text, Grouping), images)
+    seen = {int(row["id"]): row["box"] for row in rows}
+    return agents.ask_role(
+        "group", values, lambda text: _read_boxes_as_meant(parse_json(text, Grouping), seen, size), images
+    )
+
+
+def _read_boxes_as_meant(reply: Grouping, segments: Mapping[int, Sequence[float]], size: tuple[int, int]) -> Grouping:
+    """The reply with boxes of left, top, width and height in pixels, where its boxes can only be meant otherwise.
+
+    Boxes of less than a pixel are shares of the picture. Boxes that reach beyond the picture, or lie beside the segment
+    that they divide, are left, top, right and bottom if all fit as such.
+
+    Args:
+        segments: the box of each segment, by number, pixels.
+        size: width and height of the picture, pixels.
+    """
+
+    def fits(reply: Grouping) -> bool:
+        picture = (0, 0, *size)
+        around = [(box, segments.get(item.segment, picture)) for item in reply.split for box in item.boxes]
+        around += [(item.box, picture) for item in reply.missing]
+        return all(
+            min(box[2:]) > 0
+            and box[0] + box[2] <= 1.02 * size[0]
+            and box[1] + box[3] <= 1.02 * size[1]
+            and _shared_area(box, outer) >= 0.5 * box[2] * box[3]
+            for box, outer in around
+        )
+
+    sides = [side for item in reply.split for box in item.boxes for side in box]
+    sides += [side for item in reply.missing for side in item.box]
+    if sides and max(sides) <= 1:
+        return reply.with_boxes(lambda box: (box[0] * size[0], box[1] * size[1], box[2] * size[0], box[3] * size[1]))
+    corners = reply.with_boxes(lambda box: (box[0], box[1], box[2] - box[0], box[3] - box[1]))
+    return corners if not fits(reply) and fits(corners) else reply
+
+
+def _shared_area(first: Sequence[float], second: Sequence[float]) -> float:
+    """The area of the intersection of two boxes (left, top, width, height)."""
+    wide, high = (
+        min(first[axis] + first[axis + 2], second[axis] + second[axis + 2]) - max(first[axis], second[axis])
+        for axis in (0, 1)
+    )
+    return max(0.0, wide) * max(0.0, high)
 
 
 def describe_segments(

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, cast, get_args, get_origin
 
-from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator, model_validator
+from pydantic import AliasChoices, BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 from grs_agents.base import Frozen
 
@@ -25,7 +25,7 @@ class ToolCalling:
 
 
 _NULLS = frozenset({"", "-", "n/a", "na", "nil", "none", "null", "undefined"})
-_SEGMENT_NUMBER = re.compile(r"(?:segment|no\.|#)\s*(\d+)", re.IGNORECASE)
+_SEGMENT = re.compile(r"(?:segment|candidate|no\.|#)?\s*(\d+)[\s_.-]?([a-z]?)", re.IGNORECASE)
 
 
 def _read_null_word(value: Any) -> Any:
@@ -38,9 +38,10 @@ def _read_unknown_word(value: Any) -> Any:
     )
 
 
-def _read_segment_number(value: Any) -> Any:
-    number = _SEGMENT_NUMBER.fullmatch(value.strip()) if isinstance(value, str) else None
-    return number[1] if number else _read_null_word(value)
+def _read_segment_name(value: Any) -> Any:
+    """``3`` of ``segment 3``, and ``3b`` of ``Segment 3-B``."""
+    name = _SEGMENT.fullmatch(value.strip()) if isinstance(value, str) else None
+    return f"{name[1]}{name[2].lower()}" if name else _read_null_word(value)
 
 
 def _shorten(value: Any) -> Any:
@@ -82,6 +83,46 @@ def _letters(text: str) -> str:
     return re.sub(r"[\s_-]", "", text).lower()
 
 
+_SIDES = (("left", "top", "width", "height"), ("x", "y", "width", "height"), ("x", "y", "w", "h"))
+_CORNERS = (
+    ("left", "top", "right", "bottom"),
+    ("x1", "y1", "x2", "y2"),
+    ("x0", "y0", "x1", "y1"),
+    ("xmin", "ymin", "xmax", "ymax"),
+)
+
+
+def _read_box(value: Any) -> Any:
+    """The sides of a box that is an object: of its sides, its corners, or the box of an object beside its name."""
+    if isinstance(value, dict) and len(named := [key for key in ("box", "bbox") if key in value]) == 1:
+        value = cast("dict[Any, Any]", value)[named[0]]
+    if not isinstance(value, dict):
+        return value
+    written = cast("dict[Any, Any]", value)
+    table = {_letters(str(key)): item for key, item in written.items()}
+    for keys in _SIDES:
+        if table.keys() >= set(keys):
+            return [table[key] for key in keys]
+    for keys in _CORNERS:
+        if table.keys() >= set(keys):
+            try:
+                left, top, right, bottom = (float(table[key]) for key in keys)
+            except (TypeError, ValueError, OverflowError):
+                return written
+            return [left, top, right - left, bottom - top]
+    return written
+
+
+def _read_null_list(value: Any) -> Any:
+    return () if value is None else value
+
+
+_Edge = Annotated[float, Field(ge=-(10**6), le=10**6, allow_inf_nan=False)]
+_Length = Annotated[float, Field(gt=0, le=10**6, allow_inf_nan=False)]
+PictureBox = Annotated[tuple[_Edge, _Edge, _Length, _Length], BeforeValidator(_read_box)]
+"""Left, top, width and height, pixels of the picture that the model saw."""
+
+
 class Description(ModelReply):
     """The describer's reply about a segmented crop (paper, Scene Comprehension, step 2)."""
 
@@ -91,25 +132,32 @@ class Description(ModelReply):
     shape: str
     category: str
     # the segment that shows the rest of the same object
-    part_of: Annotated[int | None, BeforeValidator(_read_segment_number)] = None
+    part_of: Annotated[int | None, BeforeValidator(_read_segment_name)] = None
     # open at the top, so that objects can be put into it; None if unknown
     open_top: Annotated[bool | None, BeforeValidator(_read_unknown_word)] = None
     # ``several`` for a segment of several objects; a name for what a segment without an object shows, if it is given
     shows: Annotated[str, BeforeValidator(_shorten)] = ""
+    # of the several objects, in the photo that the describer saw
+    boxes: Annotated[tuple[PictureBox, ...], BeforeValidator(_read_null_list), Field(max_length=30)] = ()
 
 
 _SEVERAL = re.compile(r"(several|multiple|many|more than one|two|three)\b", re.IGNORECASE)
 _PART = re.compile(r"(?:a )?(?:part|piece) of (?:the )?(?:segment |no\. ?|#)?(\d+)", re.IGNORECASE)
 _SCENERY = re.compile(
-    r"(?:an? |the )?(robot|arm|hand|person|wall|floor|background|scenery|table|shadow|reflection|nothing)\b",
+    r"(?:an? |the )?(robot|arm|hand|person|wall|floor|furniture|background|scenery|table|cloth|cable|shadow|reflection|"
+    r"sliver|nothing)\b",
     re.IGNORECASE,
 )
+
+
+def _fill_empty(table: dict[Any, Any], words: dict[Any, Any]) -> dict[Any, Any]:
+    return {**words, **{key: text for key, text in table.items() if key not in words or text not in (None, "")}}
 
 
 class SegmentReply(Description):
     """A description in a reply about several segments; ``id`` is the segment's number."""
 
-    id: Annotated[int | None, BeforeValidator(_read_segment_number)] = None
+    id: Annotated[int | None, BeforeValidator(_read_segment_name)] = None
 
     @classmethod
     def fill_missing_words(cls, table: dict[Any, Any]) -> dict[Any, Any]:
@@ -118,15 +166,14 @@ class SegmentReply(Description):
         words = word.strip() if isinstance(word, str) else ""
         if _SEVERAL.match(words):
             filled = {"description": "several things", "color": "", "shape": "", "category": "objects"}
-            return {**filled, **table, "is_object": True, "shows": "several"}
+            return {**_fill_empty(table, filled), "is_object": True, "shows": "several"}
         if part := _PART.match(words):
             table = {**table, "is_object": False, "part_of": part[1]}
         elif scenery := _SCENERY.match(words):
             table = {"description": scenery[1].lower(), **table, "is_object": False, "shows": scenery[1].lower()}
         if str(table.get("is_object")).lower() not in ("false", "no", "0"):
             return table
-        words = {"description": "no object", "color": "", "shape": "", "category": ""}
-        return {**words, **{key: text for key, text in table.items() if key not in words or text not in (None, "")}}
+        return _fill_empty(table, {"description": "no object", "color": "", "shape": "", "category": ""})
 
 
 _MOST = 100
@@ -134,47 +181,63 @@ _MOST = 100
 
 
 def _read_group(value: Any) -> Any:
-    """A list of segment numbers, perhaps under the only key of an object."""
-    if isinstance(value, dict) and len(cast("dict[Any, Any]", value)) == 1:
-        (value,) = cast("dict[Any, Any]", value).values()
-    return cast(Any, value)
+    """A list of segments, perhaps as the only list of an object."""
+    if isinstance(value, dict):
+        lists: list[Any] = [item for item in cast("dict[Any, Any]", value).values() if isinstance(item, list)]
+        return cast(Any, lists[0] if len(lists) == 1 else value)
+    return value
 
 
-SegmentNumber = Annotated[int, BeforeValidator(_read_segment_number), Field(ge=-(10**6), le=10**6)]
+def _read_groups(value: Any) -> Any:
+    """A list of groups; a list of segments is a single group."""
+    items = cast("list[Any]", value) if isinstance(value, list) else []
+    return [items] if items and not any(isinstance(item, list | dict) for item in items) else cast(Any, value)
+
+
+SegmentNumber = Annotated[int, BeforeValidator(_read_segment_name), Field(ge=-(10**6), le=10**6)]
+SegmentName = Annotated[
+    Annotated[int, Field(ge=-(10**6), le=10**6)] | Annotated[str, Field(pattern=r"^\d{1,6}[a-z]$")],
+    Field(union_mode="left_to_right"),
+    BeforeValidator(_read_segment_name),
+]
+"""A segment's number, or the name of a part of a split segment: ``3b``."""
 Label = Annotated[str, BeforeValidator(_shorten)]
-_Edge = Annotated[float, Field(ge=-(10**6), le=10**6, allow_inf_nan=False)]
-_Length = Annotated[float, Field(gt=0, le=10**6, allow_inf_nan=False)]
-PictureBox = tuple[_Edge, _Edge, _Length, _Length]
-"""Left, top, width and height, pixels of the picture that the model saw."""
 
 
 class SegmentSplit(ModelReply):
     """A segment that shows several objects, with a box around each."""
 
-    segment: SegmentNumber
+    segment: SegmentNumber = Field(validation_alias=AliasChoices("segment", "id"))
     boxes: tuple[PictureBox, ...] = Field(min_length=1, max_length=30)
 
 
 class SegmentDrop(ModelReply):
     """A segment that shows no object."""
 
-    segment: SegmentNumber
+    segment: SegmentName = Field(validation_alias=AliasChoices("segment", "id"))
     what: Label = ""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_bare_name(cls, value: Any) -> Any:
+        return {"segment": value} if isinstance(value, int | str) else value
 
 
 class MissingObject(ModelReply):
-    """An object without a segment."""
+    """An object without a segment, or the rest of an object that a segment shows in part."""
 
     what: Label = ""
     box: PictureBox
+    part_of: Annotated[SegmentName | None, BeforeValidator(_read_segment_name)] = None
 
 
 class Grouping(ModelReply):
     """The grouper's reply: its corrections of a segmentation."""
 
-    merge: tuple[Annotated[tuple[SegmentNumber, ...], BeforeValidator(_read_group), Field(max_length=_MOST)], ...] = (
-        Field(max_length=_MOST)
-    )
+    merge: Annotated[
+        tuple[Annotated[tuple[SegmentName, ...], BeforeValidator(_read_group), Field(max_length=_MOST)], ...],
+        BeforeValidator(_read_groups),
+    ] = Field(max_length=_MOST)
     split: tuple[SegmentSplit, ...] = Field(max_length=_MOST)
     drop: tuple[SegmentDrop, ...] = Field(max_length=_MOST)
     missing: tuple[MissingObject, ...] = Field(max_length=_MOST)
@@ -184,6 +247,12 @@ class Grouping(ModelReply):
         """A list that a reply leaves out is empty, unless it leaves out all."""
         known = {key: () if value is None else value for key, value in table.items() if key in cls.model_fields}
         return {**dict.fromkeys(cls.model_fields, ()), **known} if known else table
+
+    def with_boxes(self, convert: Callable[[PictureBox], PictureBox]) -> "Grouping":
+        """The reply with each box converted."""
+        split = [item.model_copy(update={"boxes": tuple(map(convert, item.boxes))}) for item in self.split]
+        missing = [item.model_copy(update={"box": convert(item.box)}) for item in self.missing]
+        return self.model_copy(update={"split": tuple(split), "missing": tuple(missing)})
 
 
 class Match(ModelReply):

@@ -204,7 +204,7 @@ def check(
 
 @app.command(rich_help_panel="Look")
 def verify(run: RunFolder, json: Json = False, unsafe: Unsafe = False) -> None:
-    """See whether a run or suite is unchanged, and an audit comes out the same.
+    """Verify that a run is unchanged and its audit repeats, or a suite.
 
     Exit status: 0 holds, 1 differs.
     """
@@ -271,7 +271,7 @@ def compare(
     other: Annotated[Path, typer.Argument(help="Another run folder.", autocompletion=complete_run_folder)],
     json: Json = False,
 ) -> None:
-    """Say what differs between two runs, or between policies on a suite.
+    """Say what differs between two runs, or two evaluations.
 
     Compared are outcome, settings, task, counts, seconds and programs; of evaluations the success in paired episodes.
     """

@@ -15,10 +15,10 @@ from grs_agents.graph.state import RunState, TableObject, parse_state
 from grs_agents.models.factory import is_offline
 from grs_agents.perception.annotated_pictures import MARKS, write_marks
 from grs_agents.perception.image_geometry import mask_bounding_slices
-from grs_agents.perception.picture_files import load_mask, save_candidates, write_png
-from grs_agents.perception.segmentation.candidates import center_objects_in_workspace, crop_segment
-from grs_agents.perception.segmentation.regrouping import PixelBox, Regrouping, regroup_segments
-from grs_agents.perception.types import Candidate, CandidateRecord, Mask
+from grs_agents.perception.picture_files import load_candidates, load_mask, save_candidates, write_png
+from grs_agents.perception.segmentation.candidates import center_objects_in_workspace
+from grs_agents.perception.segmentation.regrouping import Regrouping, regroup_segments, scale_box
+from grs_agents.perception.types import Mask
 
 
 def next_step_after_segment(state: RunState, *, runtime: Any) -> Literal["group", "describe"]:
@@ -44,11 +44,10 @@ def group_candidates(state: RunState, services: Services) -> Update:
     frame, table, folder = services.load_photo(state), state["table"], services.folder
     objects, notes = state["objects"], state["notes"]
     scale = write_marks(frame, objects, folder)
-    masks = {item.id: load_mask(folder / item.mask) for item in objects}
     rows = [
         {
             "id": item.id,
-            "box": _bounding_box(masks[item.id], scale),
+            "box": _bounding_box(load_mask(folder / item.mask), scale),
             "size_m": [round(value, 3) for value in item.upright.size],
             "near": list_adjoining(item, objects),
         }
@@ -56,23 +55,16 @@ def group_candidates(state: RunState, services: Services) -> Update:
     ]
     height, width = (round(scale * side) for side in frame.depth.shape)
     picture = f"The photo, {width} x {height} pixels. Each segment is outlined in colour and has its number."
-    reply = roles.group_segments(services.agents, rows, picture, [MARKS])
+    reply = roles.group_segments(services.agents, rows, (width, height), picture, [MARKS])
     if isinstance(reply, NoReply):
         return {"notes": [*notes, f"{reply}: the segmentation stays as it is"]}
-    before = [
-        Candidate(
-            mask=masks[item.id],
-            crop=crop_segment(frame, masks[item.id]),
-            **{name: getattr(item, name) for name in CandidateRecord.model_fields if name not in ("mask", "crop")},
-        )
-        for item in objects
-    ]
+    before = load_candidates(objects, folder)
     robot = load_mask(folder / state["robot"])
     said = Regrouping(
         merged=reply.merge,
-        divided=[(item.segment, [_scale_box(box, 1 / scale) for box in item.boxes]) for item in reply.split],
+        divided=[(item.segment, [scale_box(box, 1 / scale) for box in item.boxes]) for item in reply.split],
         scenery=[(item.segment, item.what) for item in reply.drop],
-        missing=[(item.what, _scale_box(item.box, 1 / scale)) for item in reply.missing],
+        missing=[(item.what, scale_box(item.box, 1 / scale), item.part_of) for item in reply.missing],
     )
     regrouped = regroup_segments(frame, table, before, robot, said)
     notes = [*notes, *(f"regrouping: {note}" for note in regrouped.notes)]
@@ -112,8 +104,3 @@ def _bounding_box(mask: Mask, scale: float) -> list[int]:
     rows, columns = mask_bounding_slices(mask)
     sides = columns.start, rows.start, columns.stop - columns.start, rows.stop - rows.start
     return [round(scale * side) for side in sides]
-
-
-def _scale_box(box: PixelBox, scale: float) -> PixelBox:
-    x, y, width, height = (scale * side for side in box)
-    return x, y, width, height

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypedDict
 
+import numpy as np
 from langchain_core.runnables.config import ContextThreadPoolExecutor
 
 from grs_agents.agents import roles
@@ -22,21 +23,23 @@ from grs_agents.perception.annotated_pictures import (
 )
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.matching.types import Ask, MatchResult, Segment
-from grs_agents.perception.picture_files import load_mask, save_candidates_after_earlier
+from grs_agents.perception.picture_files import load_candidates, load_mask, save_candidates_after_earlier
 from grs_agents.perception.segmentation.described_pieces import (
     ADJOINING,
     gap_between_boxes,
     group_pieces_of_one_object,
     merge_pieces,
 )
+from grs_agents.perception.segmentation.regrouping import PixelBox, Regrouping, regroup_segments, scale_box
 from grs_agents.perception.types import Candidate, CandidateRecord, DroppedCandidate, MatchEvidence, Shown
 
 ONE_SEGMENT = """\
 1. The segment, cut out; what is around it is dimmed and is no part of it.
-2. The whole photo; the segment is outlined in magenta, all segments are outlined in white and numbered."""
+2. The whole photo; the segment is outlined in magenta, all segments are outlined in white and numbered. Its edges have
+   a ruler in pixels."""
 MANY_SEGMENTS = """\
 1. Each segment with its number, cut out; what is around it is dimmed and is no part of it.
-2. The whole photo; the segments are outlined in white and numbered."""
+2. The whole photo; the segments are outlined in white and numbered. Its edges have a ruler in pixels."""
 
 
 @dataclass(frozen=True)
@@ -118,6 +121,7 @@ def describe_segments(
         return ask_describer(agents, question)
 
     descriptions: dict[int, Description] = {}
+    scale, parts = 1.0, set[int]()
     silent: dict[int, str] = {}  # reasons for missing descriptions, by number
     dropped: list[DroppedCandidate] = []
     notes: list[str] = []
@@ -125,7 +129,7 @@ def describe_segments(
     with ContextThreadPoolExecutor(spec.concurrency if sees else 1) as pool:
         while asked:
             if sees:
-                write_outlines(photo[0], asked, present, services.folder)
+                scale = write_outlines(photo[0], asked, present, services.folder)
                 if in_one_sheet and len(asked) > 1:
                     write_segment_sheet(photo[0], asked, present, services.folder)
             groups = [asked] if in_one_sheet else [[record] for record in asked]
@@ -138,13 +142,25 @@ def describe_segments(
                     descriptions |= {record.id: make_placeholder_description(record.shape) for record in group}
                 else:
                     descriptions |= reply
+            several = {
+                record.id: [scale_box(box, 1 / scale) for box in boxes]
+                for record in asked
+                if record.id not in parts
+                and descriptions[record.id].shows == "several"
+                and (boxes := descriptions[record.id].boxes)
+            }
             asked, pieces, remarks = _join_described_pieces(
                 asked, present, descriptions, first_free, photo, services.folder
             )
-            dropped += pieces
-            notes += remarks
             gone = {piece.id for piece in pieces}
             present = [*(record for record in present if record.id not in gone), *asked]
+            divided, wholes, doubts = _divide_described_segments(several, present, first_free, photo, services.folder)
+            gone = {whole.id for whole in wholes}
+            present = [*(record for record in present if record.id not in gone), *divided]
+            asked += divided
+            parts |= {record.id for record in divided}  # each is divided once
+            dropped += [*pieces, *wholes]
+            notes += [*remarks, *doubts]
     objects: list[TableObject] = []
     for item in present:
         words = descriptions[item.id]  # they overrule the depth camera, which does not see into every opening
@@ -210,6 +226,33 @@ def _join_described_pieces(
     return [TableObject.from_record(record) for record in saved], pieces, notes
 
 
+def _divide_described_segments(
+    several: Mapping[int, Sequence[PixelBox]],
+    present: Sequence[TableObject],
+    first_free: int,
+    photo: Photo,
+    folder: Path,
+) -> tuple[list[TableObject], list[DroppedCandidate], list[str]]:
+    """Divide segments that were described as several things, by the boxes of the things.
+
+    Returns:
+        The parts, the divided segments, and notes for a reader of the scene.
+    """
+    before = {record.id: record for record in present}
+    divided = [(number, boxes) for number, boxes in several.items() if number in before]
+    if not divided:
+        return [], [], []
+    nothing = np.zeros(photo[0].depth.shape, np.bool_)
+    regrouped = regroup_segments(
+        *photo, load_candidates(present, folder), nothing, Regrouping(divided=divided), first_free
+    )
+    new = [candidate for candidate in regrouped.candidates if candidate.id not in before]
+    gone = {whole.id for whole in regrouped.dropped}
+    rest = [record for record in present if record.id not in gone]
+    saved = save_candidates_after_earlier(photo[0], new, rest, folder) if new else ()
+    return [TableObject.from_record(record) for record in saved], [*regrouped.dropped], [*regrouped.notes]
+
+
 def match_objects(
     objects: Sequence[TableObject], photo: Photo, image: str, services: Services
 ) -> tuple[list[TableObject], tuple[str, ...]]:
@@ -269,7 +312,7 @@ def make_model_matcher(
     def ask(segment: Segment, assets: Sequence[Shown], worded: bool, pictured: bool) -> MatchEvidence:
         record = by_number[segment.id]
         words = (
-            described[segment.id].model_dump(exclude={"is_object", "part_of", "shows"}, exclude_none=True)
+            described[segment.id].model_dump(exclude={"is_object", "part_of", "shows", "boxes"}, exclude_none=True)
             if worded
             else {}
         )

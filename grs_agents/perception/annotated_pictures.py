@@ -23,6 +23,8 @@ _ASIDE = np.array(
 """Candidate offsets of a label from its place, in half its width and height."""
 MARKS = "scene/marks.png"
 """The photo with its segments numbered and a ruler, in the run folder."""
+_HIDDEN = 4
+"""Times the area of its number, below which a segment is numbered beside it."""
 _TICKS = 50
 """Pixels between the marks of a ruler; every second is labelled."""
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
@@ -35,14 +37,19 @@ def outlined_segment_file_name(number: int) -> str:
 
 def write_outlines(
     frame: RGBDFrame, asked: Sequence[CandidateRecord], records: Sequence[CandidateRecord], run: Path
-) -> None:
-    """Write a photo for each segment ``asked`` about, with its outline, and outlines and numbers of all ``records``."""
-    picture, outlines = _draw_numbered_outlines(frame, records, run)
+) -> float:
+    """Write a photo for each segment ``asked`` about, with its outline, and outlines and numbers of all ``records``.
+
+    Returns:
+        Its pixels per pixel of the photo, which its ruler shows.
+    """
+    picture, outlines, scale = _draw_numbered_outlines(frame, records, run)
     for record in asked:
         marked = picture.copy()
         for color, width in (((0, 0, 0), 4), (MARK, 2)):
             cv2.drawContours(marked, outlines[record.id], -1, color, width)
         write_png(run / outlined_segment_file_name(record.id), marked)
+    return scale
 
 
 def segment_sheet_file_names(first: int) -> tuple[str, str]:
@@ -82,30 +89,47 @@ def write_marks(frame: RGBDFrame, records: Sequence[CandidateRecord], run: Path)
         color = COLORS[number % len(COLORS)][::-1]
         for tint, width in (((0, 0, 0), 4), (color, 2)):
             cv2.drawContours(picture, _find_outlines(mask, scale), -1, tint, width)
-    _draw_labels(picture, {str(number): _find_label_place(mask) * scale for number, mask in masks.items()}, 0.6)
-    height, width = picture.shape[:2]
-    for axis, length in ((0, width), (1, height)):
-        for at in range(_TICKS, length, _TICKS):
-            long = 12 if at % (2 * _TICKS) == 0 else 6
-            end, text = ((at, long), (at - 10, long + 11)) if axis == 0 else ((long, at), (long + 2, at + 4))
-            cv2.line(picture, (at, 0) if axis == 0 else (0, at), end, OTHERS, 2)
-            if long == 12:
-                for tint, wide in (((0, 0, 0), 3), (OTHERS, 1)):
-                    cv2.putText(picture, str(at), text, _FONT, 0.35, tint, wide, cv2.LINE_AA)
+    _number_segments(picture, masks, scale, 0.6)
+    _draw_ruler(picture)
     write_png(run / MARKS, picture)
     return scale
 
 
+def _draw_ruler(picture: Any) -> None:
+    """Draw a ruler in pixels along the upper and the left edge."""
+    height, width = picture.shape[:2]
+    for axis, length in ((0, width), (1, height)):
+        for at in range(_TICKS, length, _TICKS):
+            long = 12 if at % (2 * _TICKS) == 0 else 6
+            end, text = ((at, long), (at - 12, long + 14)) if axis == 0 else ((long, at), (long + 2, at + 5))
+            cv2.line(picture, (at, 0) if axis == 0 else (0, at), end, OTHERS, 2)
+            if long == 12:
+                for tint, wide in (((0, 0, 0), 3), (OTHERS, 1)):
+                    cv2.putText(picture, str(at), text, _FONT, 0.45, tint, wide, cv2.LINE_AA)
+
+
 def _draw_numbered_outlines(
     frame: RGBDFrame, records: Sequence[CandidateRecord], run: Path
-) -> tuple[Any, dict[int, Any]]:
-    """The photo with outlines and numbers of all segments, and the outlines by number."""
+) -> tuple[Any, dict[int, Any], float]:
+    """The photo with outlines and numbers of all segments and a ruler, the outlines by number, and its scale."""
     picture, scale = _resize_for_model(frame, enlarge=False)
     masks = {record.id: load_mask(run / record.mask) for record in records}
     outlines = {number: _find_outlines(mask, scale) for number, mask in masks.items()}
     cv2.drawContours(picture, [line for lines in outlines.values() for line in lines], -1, OTHERS, 1)
-    _draw_labels(picture, {str(number): _find_label_place(mask) * scale for number, mask in masks.items()}, 0.5)
-    return picture, outlines
+    _number_segments(picture, masks, scale, 0.5)
+    _draw_ruler(picture)
+    return picture, outlines, scale
+
+
+def _number_segments(picture: Any, masks: Mapping[int, Mask], scale: float, size: float) -> None:
+    """Draw the number of each segment: on it, or beside a segment of which it would hide much."""
+    places = {str(number): _find_label_place(mask) * scale for number, mask in masks.items()}
+    reach: dict[str, Array] = {}
+    for number, mask in masks.items():
+        if np.count_nonzero(mask) * scale**2 < _HIDDEN * np.prod(2 * _measure_label(str(number), size)):
+            rows, columns = (np.ptp(np.nonzero(mask)[axis]) for axis in (0, 1))
+            reach[str(number)] = scale * np.array([columns, rows]) / 2
+    _draw_labels(picture, places, size, reach)
 
 
 def draw_object_names(frame: RGBDFrame, masks: Mapping[str, Mask], run: Path) -> str:
@@ -150,13 +174,23 @@ def _find_label_place(mask: Mask) -> Array:
     return np.array([float(column), float(row)])
 
 
-def _draw_labels(picture: Any, places: Mapping[str, Array], size: float) -> None:
-    """Draw texts at places (x, y); overlapping texts are moved aside, with a leader line."""
+def _measure_label(text: str, size: float) -> Array:
+    """Half the width and height of a label, pixels."""
+    return np.array(cv2.getTextSize(text, _FONT, size, 1)[0]) / 2 + (3, 4)
+
+
+def _draw_labels(
+    picture: Any, places: Mapping[str, Array], size: float, reach: Mapping[str, Array] | None = None
+) -> None:
+    """Draw texts at places (x, y); texts that overlap, or must clear the ``reach`` of a place, get a leader line."""
     bounds = np.array(picture.shape[1::-1], np.float64)
     taken: list[tuple[Array, Array]] = []
     for text, place in places.items():
-        half = np.array(cv2.getTextSize(text, _FONT, size, 1)[0]) / 2 + (3, 4)
+        half = _measure_label(text, size)
         spots = np.clip(place + _ASIDE * half, half, bounds - half)
+        if reach and text in reach:
+            clear = (np.abs(spots - place) >= half + reach[text]).any(axis=1)
+            spots = spots[clear] if clear.any() else spots
         free = [at for at in spots if all((np.abs(at - spot) >= half + size).any() for spot, size in taken)]
         spot = free[0] if free else spots[0]
         taken.append((spot, half))

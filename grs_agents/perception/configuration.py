@@ -363,7 +363,9 @@ class SegmentRegrouping:
     rim: int = 4  # pixels around a box, at least, whose colours are those of its background
     cut: int = 256  # pixels: largest side at which an object is cut out by colour
     colors: int = 5  # of a model of colours: fewer pixels have none
-    left: float = 0.6  # of its raised pixels: an object fills more of its box; else its colours are those around it
+    seen: float = 0.1  # of a box's pixels whose colours are not those around it: a thin object across the box
+    left: float = 0.6  # of the raised pixels, of such a colour: they show the object and some table
+    full: float = 0.5  # of a box's pixels, raised: an object whose colours are in part those around it
 
 
 @dataclass(frozen=True)

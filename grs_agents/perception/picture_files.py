@@ -73,6 +73,20 @@ def save_candidates_after_earlier(
     return tuple(records)
 
 
+def load_candidates(records: Sequence[CandidateRecord], run: Path) -> tuple[Candidate, ...]:
+    """Read candidates that `save_candidates` wrote; raises InputError if their pictures are gone."""
+    return tuple(
+        Candidate(
+            mask=load_mask(run / record.mask),
+            crop=np.asarray(
+                cv2.cvtColor(read_picture(run / record.crop, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB), np.uint8
+            ),
+            **{name: getattr(record, name) for name in CandidateRecord.model_fields if name not in ("mask", "crop")},
+        )
+        for record in records
+    )
+
+
 def draw_candidate_overlay(frame: RGBDFrame, masks: Mapping[int, Mask]) -> Image:
     """The photo, at most `ANNOTATED_SIDE` large, with the mask, outline and number of each candidate."""
     picture = frame.rgb.copy()

@@ -26,6 +26,7 @@ from grs_agents.graph.services import Photo, Services
 from grs_agents.graph.state import TableObject
 from grs_agents.perception.picture_files import load_mask, save_candidates, save_frame
 from grs_agents.perception.segmentation.candidates import measure_candidates
+from grs_agents.perception.types import Mask
 from tests.perception.settling.photo import BLOCK, LIBRARY, MILK, photo_of, standing
 from tests.scripted import say
 
@@ -159,6 +160,53 @@ def test_several_things_stay_an_object_with_a_note_and_a_robot_is_none(table: Ta
     found = describe_segments(table.records, 4, table.photo, table.services(eyes))
     assert [one.described.is_object for one in found.objects] == [True, True, False]
     assert found.notes == ("candidate 1 shows several things, by its description: it stays one object",)
+
+
+@pytest.mark.parametrize("word", ["background", "nothing", "a cable", "Sliver", "furniture", "the cloth"])
+def test_a_word_for_no_object_is_enough(table: Table, word: str) -> None:
+    empty = dict.fromkeys(("description", "color", "shape", "category"))
+    found = describe_segments(
+        table.records, 4, table.photo, table.services(Eyes(says={3: {"is_object": word, **empty}}))
+    )
+    assert [one.described.is_object for one in found.objects] == [True, True, False] and not found.notes
+
+
+def test_several_things_with_boxes_are_divided_and_each_is_described(table: Table) -> None:
+    whole = {"is_object": False, "part_of": 1}
+    boxes = [_box_of(load_mask(table.folder / record.mask)) for record in table.records[:2]]
+    several = {"is_object": "several things", "boxes": boxes, "description": None, "color": None}
+    eyes = Eyes(says={2: whole, 4: several, 5: {**several, "is_object": "two objects"}})
+    found = describe_segments(table.records, 4, table.photo, table.services(eyes))
+    assert [item.id for item in found.objects] == [3, 5, 6]  # 1 and 2 became 4, which became 5 and 6
+    assert {item.id: item.reason.split(":")[0] for item in found.dropped} == {
+        **dict.fromkeys((1, 2), "a piece of a larger thing, candidate 4"),
+        4: "several objects",
+    }
+    masks = [load_mask(table.folder / record.mask) for record in (*table.records[:2], *found.objects[1:])]
+    for before, after in zip(masks[:2], masks[2:], strict=True):
+        assert np.count_nonzero(before & after) > 0.8 * np.count_nonzero(before | after)
+    assert found.notes == ("candidate 5 shows several things, by its description: it stays one object",)
+    assert found.descriptions[6].description == "thing 6"
+
+
+def test_several_things_in_boxes_beside_the_segment_stay_an_object(table: Table) -> None:
+    eyes = Eyes(says={3: {"is_object": "several things", "boxes": [[0, 0, 4, 4], [6, 0, 4, 4]]}})
+    found = describe_segments(table.records, 4, table.photo, table.services(eyes))
+    assert [item.id for item in found.objects] == [1, 2, 3]
+    assert "segment 3 is not divided" in found.notes[0] and "it stays one object" in found.notes[1]
+
+
+def test_a_box_of_a_single_thing_divides_nothing(table: Table) -> None:
+    eyes = Eyes(says={3: {"boxes": [[0, 0, 4, 4]]}})
+    found = describe_segments(table.records, 4, table.photo, table.services(eyes))
+    assert [item.id for item in found.objects] == [1, 2, 3] and not found.notes
+
+
+def _box_of(mask: Mask) -> list[int]:
+    """Left, top, width and height of a mask in the photo, which is shown as large as it is."""
+    rows, columns = np.nonzero(mask)
+    x, y = int(columns.min()), int(rows.min())
+    return [x, y, int(columns.max()) + 1 - x, int(rows.max()) + 1 - y]
 
 
 def test_a_number_that_is_no_segment_is_asked_about_again(table: Table) -> None:

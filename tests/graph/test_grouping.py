@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from langchain_core.messages import AIMessage
@@ -190,6 +191,84 @@ def test_a_reply_of_the_wrong_form_leaves_the_segmentation(
 def test_a_sloppy_reply_is_understood(photo: Photo, tmp_path: Path, sandbox: Sandbox) -> None:
     update, _ = group(photo, tmp_path, sandbox, "{'Merge': [{'segments': ['segment 1', '#2'],},], drop: None}")
     assert [item.id for item in select_pending(update["objects"], update["dropped"])] == [3, 4]
+
+
+@pytest.mark.parametrize(
+    "form",
+    ["{} Hope it helps!", "Sure:\n\n```json\n{}\n```\nThese are my corrections.", "{}", "<answer>\n{}\n</answer>"],
+    ids=["after", "around", "bare", "tag"],
+)
+def test_words_around_a_reply_do_not_matter(photo: Photo, tmp_path: Path, sandbox: Sandbox, form: str) -> None:
+    said = '{"merge": [[1, 2],], "split": [], "drop": [{"segment": "3", "what": "robot"},], "missing": []}'
+    update, _ = group(photo, tmp_path, sandbox, form.replace("{}", said))
+    assert [item.id for item in select_pending(update["objects"], update["dropped"])] == [4]
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        {"merge": [1, 2], "drop": [3]},
+        {"merge": [{"what": "carton", "segments": ["1", 2]}], "drop": [{"id": "segment 3"}]},
+        {"merge": [["Segment 1", "no. 2"]], "drop": [{"segment": "3", "what": None}], "comment": "done"},
+    ],
+)
+def test_segments_may_be_named_in_any_clear_way(
+    photo: Photo, tmp_path: Path, sandbox: Sandbox, said: dict[str, Any]
+) -> None:
+    update, _ = group(photo, tmp_path, sandbox, said)
+    assert [item.id for item in select_pending(update["objects"], update["dropped"])] == [4]
+
+
+@pytest.mark.parametrize("form", ["sides", "keys", "named", "corners", "corner keys", "shares"])
+def test_boxes_may_have_any_clear_form(photo: Photo, tmp_path: Path, sandbox: Sandbox, form: str) -> None:
+    """Corners are clear for boxes that could not be told by their sides."""
+    state, frame, (carton, _) = photo
+    upper = load_mask(tmp_path / state["objects"][0].mask)
+    left = carton & (np.arange(frame.depth.shape[1]) < np.median(np.nonzero(upper)[1])) & upper
+
+    def spell(mask: Mask) -> object:
+        x, y, wide, high = shown_box(mask)
+        return {
+            "sides": [x, str(y), wide, high],
+            "keys": {"X": x, "y": y, "width": wide, "height": high},
+            "named": {"what": "half", "box": [x, y, wide, high]},
+            "corners": [x, y, x + wide, y + high],
+            "corner keys": {"x1": x, "y1": y, "x2": x + wide, "y2": y + high},
+            "shares": [x / SHOWN_SIDE, y / 768, wide / SHOWN_SIDE, high / 768],
+        }[form]
+
+    said = {"split": [{"id": "#1", "boxes": [spell(left), spell(upper & ~left)]}], "drop": ["1B"]}
+    update, _ = group(photo, tmp_path, sandbox, said)
+    kept = select_pending(update["objects"], update["dropped"])
+    assert [item.id for item in kept] == [2, 3, 4]
+    mask = load_mask(tmp_path / kept[2].mask)
+    assert np.count_nonzero(mask & left) > 0.7 * np.count_nonzero(mask | left)
+    assert {item.id: item.reason for item in update["dropped"]}[5] == "scenery: no object"
+
+
+def test_the_rest_of_an_object_is_added_to_its_segment(photo: Photo, tmp_path: Path, sandbox: Sandbox) -> None:
+    state, *_ = photo
+    without = parse_state({**state, "objects": state["objects"][1:]})
+    said = {"missing": [{"what": "top", "box": shown_box(photo[2][0], spill=4), "part_of": 2}]}
+    update, _ = group((without, *photo[1:]), tmp_path, sandbox, said)
+    _, carton = select_pending(update["objects"], update["dropped"])
+    mask = load_mask(tmp_path / carton.mask)
+    assert np.count_nonzero(mask & photo[2][0]) > 0.9 * np.count_nonzero(mask | photo[2][0])
+
+
+def test_the_number_of_a_small_segment_stands_beside_it(photo: Photo, tmp_path: Path, sandbox: Sandbox) -> None:
+    state, frame, (_, block) = photo
+    row, column = (round(float(np.mean(side))) for side in np.nonzero(block))
+    dot = np.zeros_like(block)
+    dot[row - 2 : row + 3, column - 2 : column + 3] = True
+    write_png(tmp_path / state["objects"][2].mask, dot.astype(np.uint8) * 255)
+    group(photo, tmp_path, sandbox, NOTHING)
+    marks = cv2.imread(str(tmp_path / MARKS))
+    assert marks is not None
+    shown = marks[round(SCALE * (row + 0.5)), round(SCALE * (column + 0.5))].astype(int)
+    assert np.abs(shown - frame.rgb[row, column][::-1]).max() < 40 or (shown == 255).all()  # the leader ends there
+    hidden = (marks == 0).all(axis=2)[round(SCALE * (row - 2)) : round(SCALE * (row + 3)) : 1]
+    assert not hidden[:, round(SCALE * (column - 1)) : round(SCALE * (column + 2))].all()
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 import ast
 import re
 
+import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
@@ -67,8 +68,14 @@ def test_what_is_covered_held_or_out_of_reach_is_left_where_it_stands() -> None:
         assert used == {"proxy/high_1.urdf", "proxy/free_1.urdf"}
 
 
-def test_what_is_seen_too_sparsely_is_left_where_it_stands() -> None:
-    doubt = "seen too sparsely to be sure of it: 120 measured pixels, 4.1 cm2"
+@pytest.mark.parametrize(
+    "doubt",
+    [
+        "seen too sparsely to be sure of it: 120 measured pixels, 4.1 cm2",
+        "speck_1 (0.39 kg) tipped off the cup: 0.21 N m bent it, it bears 0.15 N m",
+    ],
+)
+def test_what_cannot_be_picked_is_left_where_it_stands(doubt: str) -> None:
     scene = {
         "objects": [
             scene_object("sure_1", (0.4, 0.0), (0.05, 0.05, 0.05)),

@@ -257,7 +257,8 @@ def rank_movable_objects(objects: Sequence[PromptObject]) -> list[list[PromptObj
 
     Sets of objects with unique labels come first, since words cannot tell equal labels apart. Supports of other objects
     are left out. If fewer than two objects can be picked at their places, the two that are easiest to pick, unique
-    labels first, are moved to a free part of the table.
+    labels first, are moved to a free part of the table; not those that a trial failed to pick, which the audit expects
+    where the photo shows them.
     """
     called = count_called(objects)
     loose = [obj for obj in objects if is_uncovered_object(obj, objects) and not obj.is_doubtful]
@@ -267,7 +268,7 @@ def rank_movable_objects(objects: Sequence[PromptObject]) -> list[list[PromptObj
         [obj for obj in group if is_clear_of_others(obj, objects, gap)] for group in (sure, usable) for gap in _GAPS
     ]
     if len(usable) < 2:
-        rest = [obj for obj in loose if obj not in usable]
+        rest = [obj for obj in loose if obj not in usable and obj.can_be_picked]
         rest.sort(
             key=lambda obj: (
                 called[obj.label] > 1,

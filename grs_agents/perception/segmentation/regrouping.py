@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from string import ascii_lowercase
 
 import cv2
 import numpy as np
@@ -22,16 +23,25 @@ from grs_agents.perception.types import Candidate, DroppedCandidate, Image, Mask
 CONFIG, SMALLEST = DEFAULT.regrouping, DEFAULT.segmentation.filter.smallest
 PixelBox = tuple[float, float, float, float]
 """Left, top, width and height of a rectangle in the photo, pixels; it may reach beyond the photo."""
+SegmentName = int | str
+"""The number of a segment, or the name of a part of a divided one: ``3a`` for the part of 3 in its first box."""
+
+
+def scale_box(box: PixelBox, scale: float) -> PixelBox:
+    """A box of a picture, in pixels of a picture ``scale`` times as large."""
+    x, y, wide, high = (scale * side for side in box)
+    return x, y, wide, high
 
 
 @dataclass(frozen=True)
 class Regrouping:
-    """Statements on the segments of a photo, by number. They may be wrong."""
+    """Statements on the segments of a photo, by name. They may be wrong."""
 
-    merged: Sequence[Sequence[int]] = ()  # groups of segments that show one object each
+    merged: Sequence[Sequence[SegmentName]] = ()  # groups of segments that show one object each
     divided: Sequence[tuple[int, Sequence[PixelBox]]] = ()  # segments with several objects, and a box of each
-    scenery: Sequence[tuple[int, str]] = ()  # segments that are no object, and a name for what they show
-    missing: Sequence[tuple[str, PixelBox]] = ()  # objects without a segment: name and box
+    scenery: Sequence[tuple[SegmentName, str]] = ()  # segments that are no object, and a name for what they show
+    # objects without a segment: name and box; or the rest of an object that a segment shows in part, and that segment
+    missing: Sequence[tuple[str, PixelBox, SegmentName | None]] = ()
 
 
 @dataclass(frozen=True)
@@ -47,20 +57,31 @@ class RegroupedSegments:
 class _Segments:
     """The segments while they are regrouped."""
 
-    def __init__(self, frame: RGBDFrame, table: TableFrame, candidates: Sequence[Candidate]) -> None:
+    def __init__(self, frame: RGBDFrame, table: TableFrame, candidates: Sequence[Candidate], first_free: int) -> None:
         self.frame, self.table = frame, table
         self.kept = {item.id: item for item in candidates}
         self.dropped: dict[int, str] = {}
+        self.parts: dict[SegmentName, int] = {}  # the numbers of the parts of divided segments, by name
+        self.merged: dict[int, int] = {}  # the segment that a piece became part of
         self.notes: list[str] = []
-        self.free = max(self.kept, default=0) + 1
+        self.free = max([first_free, *(number + 1 for number in self.kept)])
 
-    def reason_to_keep(self, number: int) -> str:
-        """The reason why a segment may not change; empty if it may."""
+    def find(self, name: SegmentName) -> tuple[int, str]:
+        """The number of a segment, and the reason why it may not change; the reason is empty if it may."""
+        number = self.parts.get(name, name)
+        if not isinstance(number, int) or number not in self.kept.keys() | self.dropped.keys():
+            return 0, f"there is no segment {name}"
         if number in self.dropped:
-            return f"segment {number} is gone: {self.dropped[number]}"
-        if number not in self.kept:
-            return f"there is no segment {number}"
-        return f"the mask of segment {number} was given" if self.kept[number].given else ""
+            return number, f"segment {name} is gone: {self.dropped[number]}"
+        return number, f"the mask of segment {name} was given" if self.kept[number].given else ""
+
+    def merge(self, numbers: Sequence[int], mask: Mask) -> bool:
+        """Put a segment with ``mask`` (H, W) in place of the pieces ``numbers``, if it can be measured."""
+        new = self.replace_with([mask], numbers)
+        for number in numbers if new else ():
+            self.dropped[number] = f"a piece of a larger thing, candidate {new[0]}"
+            self.merged[number] = new[0]
+        return bool(new)
 
     def replace_with(self, masks: Sequence[Mask], numbers: Sequence[int]) -> list[int]:
         """Measure new segments with ``masks`` (H, W) in place of the segments ``numbers``.
@@ -83,9 +104,14 @@ class _Segments:
 
 
 def regroup_segments(
-    frame: RGBDFrame, table: TableFrame, candidates: Sequence[Candidate], robot: Mask, said: Regrouping
+    frame: RGBDFrame,
+    table: TableFrame,
+    candidates: Sequence[Candidate],
+    robot: Mask,
+    said: Regrouping,
+    first_free: int = 1,
 ) -> RegroupedSegments:
-    """Apply the statements that geometry bears out: scenery first, then divided, merged and missing objects.
+    """Apply the statements that geometry bears out: divided segments first, then scenery, merged and missing objects.
 
     Segments with a given mask do not change. If no object would remain, nothing is applied.
 
@@ -95,21 +121,23 @@ def regroup_segments(
         candidates: the segments.
         robot: (H, W) pixels known to show the robot.
         said: the statements.
+        first_free: the smallest number of a new segment.
     """
-    segments = _Segments(frame, table, candidates)
+    segments = _Segments(frame, table, candidates, first_free)
+    for number, boxes in said.divided:
+        _divide(segments, number, boxes)
     scenery = np.zeros(frame.depth.shape, np.bool_)
-    for number, name in said.scenery:
-        if reason := segments.reason_to_keep(number):
+    for segment, name in said.scenery:
+        number, reason = segments.find(segment)
+        if reason:
             segments.notes.append(f"{name or 'scenery'}: {reason}")
             continue
         scenery |= segments.kept.pop(number).mask
         segments.dropped[number] = f"scenery: {name or 'no object'}"
-    for number, boxes in said.divided:
-        _divide(segments, number, boxes)
     for group in said.merged:
         _merge(segments, group)
-    for name, box in said.missing:
-        _add(segments, name or "an object", box, robot)
+    for name, box, whole in said.missing:
+        _add(segments, name or "an object", box, whole, robot)
     if not segments.kept:
         note = f"none of the {len(candidates)} segments would be an object: the segmentation stays as it is"
         return RegroupedSegments(tuple(candidates), (), np.zeros_like(scenery), (*segments.notes, note))
@@ -121,10 +149,12 @@ def regroup_segments(
 
 def _divide(segments: _Segments, number: int, boxes: Sequence[PixelBox]) -> None:
     """Divide a segment at the borders of colour and depth between ``boxes``."""
-    if reason := segments.reason_to_keep(number):
+    _, reason = segments.find(number)
+    if reason:
         segments.notes.append(f"not divided: {reason}")
         return
-    masks = divide_mask_by_boxes(segments.frame, segments.kept[number].mask, boxes)
+    parts = divide_mask_by_boxes(segments.frame, segments.kept[number].mask, boxes)
+    masks = [mask for mask in parts if mask.any()]
     if len(masks) < 2:
         segments.notes.append(f"segment {number} is not divided: fewer than two of its parts have pixels of their own")
         return
@@ -137,6 +167,8 @@ def _divide(segments: _Segments, number: int, boxes: Sequence[PixelBox]) -> None
         )
         return
     segments.dropped[number] = f"several objects: candidates {', '.join(map(str, new))}"
+    letters = [letter for letter, mask in zip(ascii_lowercase, parts, strict=False) if mask.any()]
+    segments.parts |= {f"{number}{letter}": part for letter, part in zip(letters, new, strict=False)}
 
 
 def divide_mask_by_boxes(frame: RGBDFrame, mask: Mask, boxes: Sequence[PixelBox]) -> list[Mask]:
@@ -146,12 +178,12 @@ def divide_mask_by_boxes(frame: RGBDFrame, mask: Mask, boxes: Sequence[PixelBox]
     unless a box lies mostly within the other.
 
     Returns:
-        The parts (H, W) with pixels, in the order of the boxes, the rest last.
+        The parts (H, W) in the order of the boxes, and the rest; they may be empty.
     """
     window = grow_window(mask_bounding_slices(mask), 1)
     inside, rgb, depth = mask[window], frame.rgb[window], frame.depth[window]
     if not inside.any():
-        return []
+        return [np.zeros_like(mask) for _ in range(len(boxes) + 1)]
     top, left = window[0].start, window[1].start
     rows, columns = np.indices(inside.shape)
     rows, columns = rows + top, columns + left
@@ -184,11 +216,9 @@ def divide_mask_by_boxes(frame: RGBDFrame, mask: Mask, boxes: Sequence[PixelBox]
             break
         grown = cv2.dilate(np.maximum(owners, 0).astype(np.float32), np.ones((3, 3), np.uint8))
         owners = np.where(lines, grown, owners).astype(np.int32)
-    parts: list[Mask] = []
-    for label in range(1, len(boxes) + 2):
-        if (owners == label).any():
-            parts.append(np.zeros_like(mask))
-            parts[-1][window] = owners == label
+    parts = [np.zeros_like(mask) for _ in range(len(boxes) + 1)]
+    for label, part in enumerate(parts, 1):
+        part[window] = owners == label
     return parts
 
 
@@ -212,11 +242,12 @@ def _colour_and_depth(rgb: Image, depth: npt.NDArray[np.float32], inside: Mask) 
     return np.clip(picture, 0, 255).astype(np.uint8)
 
 
-def _merge(segments: _Segments, group: Sequence[int]) -> None:
+def _merge(segments: _Segments, group: Sequence[SegmentName]) -> None:
     """Merge the segments of a group that adjoin each other in the photo and in space."""
     members: list[int] = []
-    for number in dict.fromkeys(group):
-        if reason := segments.reason_to_keep(number):
+    for name in dict.fromkeys(group):
+        number, reason = segments.find(name)
+        if reason:
             segments.notes.append(f"not merged: {reason}")
         else:
             members.append(number)
@@ -242,13 +273,9 @@ def _merge(segments: _Segments, group: Sequence[int]) -> None:
         segments.notes.append(f"{_name(rest)} not merged with {', '.join(map(str, reached))}: more than {apart} apart")
     if len(reached) < 2:
         return
-    whole = np.any([kept[member].mask for member in reached], axis=0)
-    new = segments.replace_with([whole], reached)
-    if not new:
+    if not segments.merge(reached, np.any([kept[member].mask for member in reached], axis=0)):
         largest = f"an object of more than {DEFAULT.measuring.largest:g} m"
         segments.notes.append(f"{_name(reached)} not merged: together they would be {largest}")
-        return
-    segments.dropped |= dict.fromkeys(reached, f"a piece of a larger thing, candidate {new[0]}")
 
 
 def _measure_visible_gap(first: Mask, second: Mask, hidden: Mask) -> float:
@@ -264,8 +291,11 @@ def _measure_visible_gap(first: Mask, second: Mask, hidden: Mask) -> float:
     return length * float(np.mean(~hidden[rows, columns])) if len(rows) else 0.0
 
 
-def _add(segments: _Segments, name: str, box: PixelBox, robot: Mask) -> None:
-    """Add an object: the largest surface in ``box`` of measured pixels above the table that no segment owns."""
+def _add(segments: _Segments, name: str, box: PixelBox, whole: SegmentName | None, robot: Mask) -> None:
+    """Add an object: the largest surface in ``box`` of measured pixels above the table that no segment owns.
+
+    The rest of the object that the segment ``whole`` shows in part is added to that segment instead.
+    """
     frame = segments.frame
     x, y, wide, high = box
     height, width = frame.depth.shape
@@ -275,19 +305,29 @@ def _add(segments: _Segments, name: str, box: PixelBox, robot: Mask) -> None:
         segments.notes.append(f"{name} is not added: its box is outside of the photo")
         return
     window = np.s_[top:bottom, left:right]
+    owned = robot[window].copy()
+    for item in segments.kept.values():
+        owned |= item.mask[window]
+    if whole is not None:
+        _complete(segments, name, whole, window, ~owned)
+        return
     points = robot_frame_point_map(frame, segments.table)[window]
     noise = max(DEFAULT.coverage.lowest, DEFAULT.coverage.deviations * segments.table.residual)
     above = (points[..., 2] > noise) & (frame.depth[window] > 0) & ~robot[window]
-    owned = np.zeros_like(above)
-    for item in segments.kept.values():
-        owned |= item.mask[window]
     free = above & ~owned
     least = SMALLEST * frame.depth.size
     if np.count_nonzero(free) < least:
         taken = "belongs to segments" if np.count_nonzero(above) >= least else "is on the table, or was not measured"
         segments.notes.append(f"{name} is not added: what its box shows {taken}")
         return
-    free = _cut_out_by_colour(frame.rgb, window, free)
+    raised, coloured = np.count_nonzero(free), _cut_out_by_colour(frame.rgb, window, ~owned)
+    differs = np.count_nonzero(coloured) >= CONFIG.seen * coloured.size  # else its colours are those around it
+    both = np.count_nonzero(free & coloured)
+    if differs and (both >= CONFIG.left * raised or raised < CONFIG.full * free.size):
+        free &= coloured
+    if np.count_nonzero(free) < least:
+        segments.notes.append(f"{name} is not added: it is on the table, or was not measured")
+        return
     depth = frame.depth[window]
     square = np.ones((3, 3), np.uint8)
     jumps = cv2.morphologyEx(np.where(free, depth, np.float32(0)), cv2.MORPH_GRADIENT, square) > CONFIG.jump * depth
@@ -304,11 +344,39 @@ def _add(segments: _Segments, name: str, box: PixelBox, robot: Mask) -> None:
         )
 
 
-def _cut_out_by_colour(rgb: Image, window: tuple[slice, slice], free: Mask) -> Mask:
+def _complete(segments: _Segments, name: str, whole: SegmentName, window: tuple[slice, slice], free: Mask) -> None:
+    """Add the ``free`` pixels (h, w) of a window that have the colours of a segment, and adjoin it, to the segment.
+
+    They may be flat, or without depth: the sides of a low object are lost in the table's noise.
+    """
+    number, reason = segments.find(whole)
+    while number in segments.merged:
+        number, reason = segments.find(segments.merged[number])
+    if reason:
+        segments.notes.append(f"{name} is not added: {reason}")
+        return
+    mask = segments.kept[number].mask
+    if not mask[window].any():
+        segments.notes.append(f"{name} is not added: segment {whole} is not in its box")
+        return
+    coloured = _cut_out_by_colour(segments.frame.rgb, window, free, mask[window])
+    joined = mask.copy()
+    joined[window] |= coloured
+    labels = label_connected_components(joined.astype(np.uint8), 1)
+    joined &= np.isin(labels, labels[mask])
+    added = np.count_nonzero(joined & ~mask)
+    if added < SMALLEST * mask.size:
+        segments.notes.append(f"{name} is not added: {added} pixels beside segment {whole} have its colours")
+    elif not segments.merge([number], joined):
+        largest = f"an object of more than {DEFAULT.measuring.largest:g} m"
+        segments.notes.append(f"{name} is not added: with segment {whole} it would be {largest}")
+
+
+def _cut_out_by_colour(rgb: Image, window: tuple[slice, slice], free: Mask, sure: Mask | None = None) -> Mask:
     """The pixels of ``free`` (h, w), in a window of the photo, whose colours differ from those around the window.
 
-    GrabCut (Rother et al., SIGGRAPH 2004); where it leaves little, the background has the colours of the object, and
-    all pixels stay.
+    GrabCut (Rother et al., SIGGRAPH 2004). Pixels that are not ``free`` are background, except those that are ``sure``
+    (h, w) to show the object.
     """
     high, wide = free.shape
     around = grow_window(window, max(CONFIG.rim, round(CONFIG.margin * max(high, wide))))
@@ -318,18 +386,19 @@ def _cut_out_by_colour(rgb: Image, window: tuple[slice, slice], free: Mask) -> M
     rows, columns, _ = picture.shape
     marks = np.full((rows, columns), cv2.GC_BGD, np.uint8)
     marks[inner][free] = cv2.GC_PR_FGD
+    if sure is not None:
+        marks[inner][sure] = cv2.GC_FGD
     scale = min(1.0, CONFIG.cut / max(rows, columns))
     size = max(1, round(scale * columns)), max(1, round(scale * rows))
     small = np.asarray(cv2.resize(marks, size, interpolation=cv2.INTER_NEAREST), np.uint8)
     counts = np.bincount(small.ravel(), minlength=4)
-    if min(counts[cv2.GC_BGD], counts[cv2.GC_PR_FGD]) < CONFIG.colors:
-        return free
+    if min(counts[cv2.GC_BGD], counts[cv2.GC_FGD] + counts[cv2.GC_PR_FGD]) < CONFIG.colors:
+        return np.zeros_like(free)
     cv2.setRNGSeed(0)
     shrunk, models = cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.zeros((2, 65))
     cv2.grabCut(shrunk, small, (0, 0, 1, 1), models[:1], models[1:], 3, cv2.GC_INIT_WITH_MASK)
-    kept = cv2.resize(small, (columns, rows), interpolation=cv2.INTER_NEAREST)[inner] == cv2.GC_PR_FGD
-    kept &= free
-    return kept if np.count_nonzero(kept) >= CONFIG.left * np.count_nonzero(free) else free
+    kept = cv2.resize(small, (columns, rows), interpolation=cv2.INTER_NEAREST)[inner]
+    return free & ((kept == cv2.GC_FGD) | (kept == cv2.GC_PR_FGD))
 
 
 def _name(numbers: Sequence[int]) -> str:

@@ -4,10 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
 from grs_agents.perception.image_geometry import mask_bounding_slices
+from grs_agents.perception.segmentation import regrouping
 from grs_agents.perception.segmentation.candidates import measure_candidates
 from grs_agents.perception.segmentation.regrouping import (
     PixelBox,
@@ -146,7 +148,8 @@ def test_an_object_before_a_larger_one_keeps_its_pixels(things: Things, order: i
     label[window], rgb[window] = True, (20, 160, 60)
     masks = [label & things.carton, things.carton & ~label]
     boxes = [box_of(mask) for mask in masks][::order]
-    parts = divide_mask_by_boxes(replace(things.frame, rgb=rgb), things.carton, boxes)
+    *parts, rest = divide_mask_by_boxes(replace(things.frame, rgb=rgb), things.carton, boxes)
+    assert not rest.any()
     assert [agreement(part, mask) > 0.75 for part, mask in zip(parts, masks[::order], strict=True)] == [True, True]
 
 
@@ -184,6 +187,124 @@ def test_a_part_with_too_few_measured_pixels_leaves_the_segment_whole(things: Th
     assert "measured pixels, not 17 each" in found.notes[0]
 
 
+def test_a_part_of_a_divided_segment_is_merged_by_its_name(things: Things) -> None:
+    upper, lower = halves(things.carton)
+    before = things.candidates(upper | things.near, lower, things.apart)
+    boxes = [box_of(things.near, spill=2), box_of(upper, spill=2)]
+    found = things.regroup(before, divided=[(1, boxes)], merged=[(2, "1b")])
+    assert [item.id for item in found.candidates] == [3, 4, 6]
+    assert agreement(found.candidates[1].mask, things.near) > 0.9
+    assert agreement(found.candidates[2].mask, things.carton) > 0.9
+    assert {item.id: item.reason for item in found.dropped} == {
+        1: "several objects: candidates 4, 5",
+        **dict.fromkeys((2, 5), "a piece of a larger thing, candidate 6"),
+    }
+    assert not found.notes
+
+
+def test_table_around_an_object_is_dropped_as_the_last_part(things: Things) -> None:
+    x, y, wide, high = (round(side) for side in box_of(things.apart))
+    table = things.nothing
+    table[y : y + high, x + 2 * wide : x + 4 * wide] = True
+    table &= ~things.carton & ~things.near
+    before = things.candidates(things.apart | table, things.carton)
+    found = things.regroup(before, divided=[(1, [box_of(things.apart)])], scenery=[("1b", "table"), ("1c", "table")])
+    assert [item.id for item in found.candidates] == [2, 3]
+    assert agreement(found.candidates[1].mask, things.apart) > 0.9
+    assert {item.id: item.reason for item in found.dropped} == {
+        1: "several objects: candidates 3, 4",
+        4: "scenery: table",
+    }
+    assert agreement(found.scenery, table) > 0.9
+    assert found.notes == ("table: there is no segment 1c",)
+
+
+def test_parts_keep_the_names_of_their_boxes(things: Things) -> None:
+    """The first box lies beside the segment: its part has no pixels."""
+    before = things.candidates(things.carton | things.near, things.apart)
+    boxes = [(0.0, 0.0, 3.0, 3.0), *(box_of(mask, spill=2) for mask in (things.carton, things.near))]
+    found = things.regroup(before, divided=[(1, boxes)], scenery=[("1a", "hand"), ("1c", "robot")])
+    assert found.notes == ("hand: there is no segment 1a",)
+    assert agreement(found.scenery, things.near) > 0.9
+
+
+@pytest.mark.parametrize("side", [256, 30])
+def test_the_rest_of_an_object_is_added_by_its_colours(
+    things: Things, side: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its depth is that of the table, as of the low sides of a thing; large things are cut out in a smaller picture."""
+    monkeypatch.setattr(regrouping, "CONFIG", replace(regrouping.CONFIG, cut=side))
+    inner = cv2.erode(things.apart.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
+    flat = things.apart & ~inner
+    frame = replace(things.frame, depth=np.where(flat, things.frame.depth.max(), things.frame.depth))
+    before = things.candidates(inner, things.carton)
+    said = Regrouping(missing=[("block", box_of(things.apart, spill=2), 1)])
+    found = regroup_segments(frame, things.table, before, things.nothing, said)
+    assert [item.id for item in found.candidates] == [2, 3] and not found.notes
+    assert agreement(found.candidates[1].mask, things.apart) > 0.8
+    assert not (things.apart & ~found.candidates[1].mask).any()  # nor a seam around the segment
+    assert {item.id: item.reason for item in found.dropped} == {1: "a piece of a larger thing, candidate 3"}
+
+
+def test_the_rest_is_added_to_what_its_segment_was_merged_into(things: Things) -> None:
+    upper, lower = halves(things.carton)
+    top, middle = halves(upper)
+    before = things.candidates(lower, middle, things.apart)
+    found = things.regroup(before, merged=[(1, 2)], missing=[("top", box_of(things.carton, spill=2), 2)])
+    assert [item.id for item in found.candidates] == [3, 5] and not found.notes
+    assert np.count_nonzero(found.candidates[1].mask & top) > 0.9 * np.count_nonzero(top)
+
+
+@pytest.mark.parametrize(
+    ("whole", "beside", "why"),
+    [
+        (9, False, "there is no segment 9"),
+        ("1a", False, "there is no segment 1a"),
+        (2, False, "segment 2 is gone: scenery: hand"),
+        (1, True, "segment 1 is not in its box"),
+        (1, False, "0 pixels beside segment 1 have its colours"),
+    ],
+)
+def test_a_rest_that_is_not_seen_is_not_added(things: Things, whole: int | str, beside: bool, why: str) -> None:
+    before = things.candidates(things.apart, things.near)
+    box = (2.0, 150.0, 25.0, 25.0) if beside else box_of(things.apart)
+    found = things.regroup(before, scenery=[(2, "hand")], missing=[("rest", box, whole)])
+    assert [item.id for item in found.candidates] == [1]
+    assert len(found.notes) == 1 and found.notes[0].startswith("rest is not added: ") and why in found.notes[0]
+
+
+@pytest.mark.parametrize("measured", [True, False])
+def test_a_missing_object_is_told_from_raised_table_by_its_colours(things: Things, measured: bool) -> None:
+    """A thin object across its box, beside noise of the table that is taken for something raised."""
+    x, y, wide, high = (round(side) for side in box_of(things.apart))
+    rows, columns = np.indices(things.apart.shape)
+    within = (np.abs(rows - y - high / 2) <= high) & (np.abs(columns - x - wide / 2) <= wide)
+    table = (things.frame.depth >= things.frame.depth[within & ~things.apart].min()) & ~things.apart
+    noise = within & table & (rows > y + high) & ~things.near & ~things.carton
+    depth = things.frame.depth - np.float32(0.012) * noise
+    if not measured:
+        depth = np.where(things.apart, 0, depth).astype(np.float32)
+    box = (x - wide / 2, y - high / 2, 2.0 * wide, 2.0 * high)
+    before = things.candidates(things.carton, things.near)
+    said = Regrouping(missing=[("block", box, None)])
+    found = regroup_segments(replace(things.frame, depth=depth), things.table, before, things.nothing, said)
+    if measured:
+        assert agreement(found.candidates[2].mask, things.apart) > 0.8
+    else:
+        assert found.candidates == before
+        assert found.notes == ("block is not added: it is on the table, or was not measured",)
+
+
+def test_table_beside_a_missing_object_is_cut_off_by_its_colours(things: Things) -> None:
+    x, y, wide, high = (round(side) for side in box_of(things.apart))
+    depth = things.frame.depth.copy()
+    depth[y : y + high, x + 3 * wide // 4 : x + wide + 4] -= np.float32(0.012)
+    before = things.candidates(things.carton, things.near)
+    said = Regrouping(missing=[("block", box_of(things.apart, spill=3), None)])
+    found = regroup_segments(replace(things.frame, depth=depth), things.table, before, things.nothing, said)
+    assert agreement(found.candidates[2].mask, things.apart) > 0.85
+
+
 def test_scenery_is_dropped_with_its_name(things: Things) -> None:
     before = things.candidates(things.carton, things.near, things.apart)
     found = things.regroup(before, scenery=[(1, "robot arm"), (1, "wall"), (7, "hand"), (2, "")])
@@ -199,7 +320,7 @@ def test_a_photo_without_any_object_stays_segmented_as_it_is(things: Things) -> 
     found = things.regroup(before, scenery=walls)
     assert found.candidates == before and not found.dropped and not found.scenery.any()
     assert found.notes == ("none of the 2 segments would be an object: the segmentation stays as it is",)
-    added = things.regroup(before, scenery=walls, missing=[("block", box_of(things.apart))])
+    added = things.regroup(before, scenery=walls, missing=[("block", box_of(things.apart), None)])
     assert [item.id for item in added.candidates] == [3] and len(added.dropped) == 2
 
 
@@ -212,7 +333,9 @@ def test_given_masks_are_neither_dropped_nor_merged_nor_divided(things: Things) 
 
 
 def test_a_missing_object_is_found_in_its_box(things: Things) -> None:
-    found = things.regroup(things.candidates(things.carton), missing=[("red block", box_of(things.apart, spill=8))])
+    found = things.regroup(
+        things.candidates(things.carton), missing=[("red block", box_of(things.apart, spill=8), None)]
+    )
     assert not found.notes
     assert [item.id for item in found.candidates] == [1, 2]
     assert agreement(found.candidates[1].mask, things.apart) > 0.9
@@ -221,7 +344,7 @@ def test_a_missing_object_is_found_in_its_box(things: Things) -> None:
 
 def test_a_missing_object_may_lie_in_what_was_taken_for_scenery(things: Things) -> None:
     before = things.candidates(things.carton, things.near | things.apart)
-    found = things.regroup(before, scenery=[(2, "hand")], missing=[("block", box_of(things.apart))])
+    found = things.regroup(before, scenery=[(2, "hand")], missing=[("block", box_of(things.apart), None)])
     assert [item.id for item in found.candidates] == [1, 3]
     assert not (found.scenery & found.candidates[1].mask).any()
     assert (found.scenery & things.near).any()
@@ -237,7 +360,7 @@ def test_an_object_that_was_not_measured_is_not_added(things: Things, place: str
         "thin": (*box_of(things.apart)[:2], 1e-3, 1e-3),
     }
     before = things.candidates(things.carton)
-    found = things.regroup(before, robot=things.apart, missing=[("a cup", boxes[place])])
+    found = things.regroup(before, robot=things.apart, missing=[("a cup", boxes[place], None)])
     assert found.candidates == before
     (note,) = found.notes
     assert note.startswith("a cup is not added: ")
