@@ -42,7 +42,7 @@ class RoutedFault(Frozen):
     kind: str
     truth: str
     right_tests: bool
-    verdict: str  # empty where tests and audit pass: a fault that does no harm
+    verdict: str  # empty for a fault that does no harm: tests and audit pass, but perhaps for the task's words
     other_order: str  # the verdict with the options in reverse
     cause: str
     sure: bool
@@ -80,10 +80,10 @@ class _BothOrders:
 
 
 class FaultRuns:
-    """Runs of programs with a fault, which share a sandbox and the sample scene; both are made for the first."""
+    """Runs of programs with a fault, which share a sandbox and a scene; both are made for the first."""
 
-    def __init__(self, config: Config, fixes: int) -> None:
-        self._config, self._fixes = config, fixes
+    def __init__(self, config: Config, fixes: int, scene: str) -> None:
+        self._config, self._fixes, self._scene = config, fixes, scene
         self._kept_open = ExitStack()
         self._opened: tuple[Services, dict[str, Any]] | None = None
 
@@ -101,8 +101,7 @@ class FaultRuns:
             log = self._kept_open.enter_context(EventLog(folder / "events.jsonl"))
             agents = Agents(config=self._config, log=log, folder=folder)
             services = Services(self._config, log, agents, load_policy(self._config.policy), sandbox, folder)
-            scene = str(content.content_path("assets", "scenes") / SCENE)
-            begin: dict[str, Any] = {"scene_path": scene, "max_fixes": self._fixes, "fixes": 0, "history": []}
+            begin: dict[str, Any] = {"scene_path": self._scene, "max_fixes": self._fixes, "fixes": 0, "history": []}
             graph = content.load_module("graphs", "scene").build().compile()
             self._opened = services, graph.invoke(begin, context=services)
         services, state = self._opened
@@ -131,7 +130,7 @@ class FaultRuns:
             other_order=reverse.verdict if reverse else "",
             cause=first.cause if first else "",
             sure=first is not None and first.sure,
-            explanation=first.explanation if first else "tests and audit pass",
+            explanation=first.explanation if first else "no program is at fault",
             fixes=end.get("fixes", 0),
             accepted=accepted,
             reason=end["reason"],
@@ -220,6 +219,7 @@ def main(arguments: Sequence[str]) -> int:
     """
     parser = ExperimentParser("routing", __doc__)
     parser.add_argument("folder", type=Path, nargs="?", help="faults in folders; without one, mistakes are made")
+    parser.add_argument("--scene", type=Path, help="that the faults in folders are of (the sample scene groceries)")
     parser.add_argument("--half", type=int, choices=(0, 1), default=1, help="which half of the made mistakes (1)")
     parser.add_argument("--seed", type=int, default=0, help="of the made mistakes")
     parser.add_argument("--policy", default="rules")
@@ -229,7 +229,8 @@ def main(arguments: Sequence[str]) -> int:
     options = experiment.options
     planted = read_fault_folders(options.folder) if options.folder else plant_mistakes(options.half, options.seed)
     faults = list(filter(lambda fault: re.search(options.only, fault.name), planted))
-    with FaultRuns(experiment.config, options.fixes) as runs:
+    scene = options.scene or content.content_path("assets", "scenes") / SCENE
+    with FaultRuns(experiment.config, options.fixes, str(scene)) as runs:
         work = {fault.name: partial(runs.route, fault) for fault in faults}
         rows = experiment.make_or_reuse_rows(RoutedFault, work, choosing=("half", "only"), show=str)
     if not any(row.verdict for row in rows):

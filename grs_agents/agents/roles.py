@@ -227,8 +227,8 @@ class JudgedPrograms:
 _MEANINGS: dict[Verdict, str] = {
     "fix_code": "change the simulation program",
     "fix_test": "change the tests",
-    "fix_task": "change the task: no program can do it as it is defined, as the evidence shows (something does not fit "
-    "into a container of fixed size, is out of reach or does not stand)",
+    "fix_task": "change the task: no program can do it as it is defined, as the evidence shows (the arm cannot hold or "
+    "reach something, it does not fit into a container of fixed size or does not stand), or its words are unclear",
 }
 
 
@@ -255,11 +255,20 @@ def fix_tests(agents: Agents, judged: JudgedPrograms, api: str) -> str | NoReply
 def fix_task(
     agents: Agents, judged: JudgedPrograms, objects: Sequence[Json], fixtures: Sequence[Json]
 ) -> TaskRevision | NoReply:
-    """Revise a task that cannot be done as it is defined; ``objects`` of the scene have a name and an asset."""
-    named = name_assets(objects, fixtures)
+    """Revise a task; fields that the reply leaves out stay. ``objects`` of the scene have a name and an asset."""
+    named, original = name_assets(objects, fixtures), judged.task.as_json()
+
+    class PartialRevision(TaskRevision):
+        @classmethod
+        def fill_missing_words(cls, table: dict[Any, Any]) -> dict[Any, Any]:
+            """Take over the fields of the original that the reply leaves out, unless it leaves out all."""
+            aliases = {name: str(field.alias) for name, field in cls.model_fields.items()}
+            given = {aliases.get(key, key): value for key, value in table.items() if value is not None}
+            return {**original, **given} if given.keys() & {*aliases.values()} else table
 
     def parse_task_revision(text: str) -> TaskRevision:
-        return _name_assets_exactly(parse_json(text, TaskRevision), named)
+        revision = _name_assets_exactly(parse_json(text, PartialRevision), named)
+        return TaskRevision.model_validate(revision.as_json())
 
     names = ("task", "scene", "code", "test_results", "history", "explanation")
     values = judged.as_prompt_values(*names, fixtures=to_json_lines(fixtures))

@@ -295,9 +295,9 @@ class TaskDefinition(ModelReply):
 
 
 class TaskRevision(TaskDefinition):
-    """A revised task, after the original could not be done, and the part that was given up."""
+    """A revised task, after the original could not be done or understood, and the part that was given up."""
 
-    given_up: str = Field(alias="given-up", min_length=1, max_length=500)
+    given_up: str = Field(default="nothing was given up", alias="given-up", min_length=1, max_length=500)
 
     def as_definition(self) -> TaskDefinition:
         """The task alone."""

@@ -47,6 +47,7 @@ def find_pose_changes(instances: Sequence[TaskInstance], scene: SceneDescription
                     "photo": nearest.position,
                     "distance": math.dist(nearest.position, item.pose[0]),
                     "turned": math.degrees(transforms.angle_between(nearest.orientation, item.pose[1])),
+                    "wanted": nearest.settled or (nearest.position, nearest.orientation),
                     "reason": reason,
                 }
                 change = change.model_copy(update=measured)

@@ -9,6 +9,7 @@ import numpy as np
 from grs_agents.audit.goal_checks import asset_with_id, is_movable_object, pair_instances_with_rollouts
 from grs_agents.audit.pose_changes import find_pose_changes, is_tilted
 from grs_agents.audit.types import AuditFinding, join_first_distinct
+from grs_agents.base import Pose
 from grs_agents.library.library import Library
 from grs_agents.perception.types import SceneDescription
 from grs_agents.sim.goals.scores import DISTURBED
@@ -57,10 +58,13 @@ def check_photo_poses(instances: Sequence[TaskInstance], scene: SceneDescription
     reason."""
     changes = find_pose_changes(instances, scene, library)
     moved = [change for change in changes if change.photo is not None and not change.reason]
+    seeds: dict[str, list[int]] = {}
+    for change in moved:
+        text = f"{change.asset} is {(change.distance or 0.0) * 100:.0f} cm from its pose in the photo, "
+        text += f"{_format_pose(change.wanted)}, and turned by {change.turned or 0.0:.0f} degrees"
+        seeds.setdefault(text, []).append(change.seed)
     wrong = [
-        f"{change.asset} is {(change.distance or 0.0) * 100:.0f} cm from there and turned by "
-        f"{change.turned or 0.0:.0f} degrees in seed {change.seed}"
-        for change in moved
+        f"{text} in seed{'s' if len(same) > 1 else ''} {', '.join(map(str, same))}" for text, same in seeds.items()
     ]
     wrong += [f"objects are tied in seed {instance.seed}" for instance in instances if instance.ties]
     painted = [item.asset for instance in instances for item in instance.task_objects if item.color is not None]
@@ -76,6 +80,12 @@ def check_photo_poses(instances: Sequence[TaskInstance], scene: SceneDescription
         measured=measured,
         bound="objects must stand as the photo shows them, unless out of reach, covered or unstable there, and look so",
     )
+
+
+def _format_pose(pose: Pose | None) -> str:
+    """A pose as the prompts give it, in metres."""
+    parts = [", ".join(f"{round(value, 3) + 0.0:g}" for value in part) for part in pose or ()]
+    return f"({', '.join(f'({part})' for part in parts)})"
 
 
 def check_objects_start_apart_and_stable(pairs: Sequence[tuple[TaskInstance, Rollout]]) -> AuditFinding:

@@ -4,6 +4,7 @@ import ast
 import builtins
 import importlib.util
 import inspect
+import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -121,7 +122,8 @@ def check_source(source: ProgramSource) -> Iterator[StaticFinding]:
     unknowable |= {"globals", "locals", "exec", "eval", "NameError"} & read.keys()
     known = {*source.bound_names, *dir(builtins), "__file__"}
     for name in sorted(read.keys() - known) if not unknowable else ():
-        yield source.finding(read[name], "unknown_name", f"{name} is not defined{suggest_nearest_name(name, known)}")
+        meant = _find_missing_import(name, source) or suggest_nearest_name(name, known)
+        yield source.finding(read[name], "unknown_name", f"{name} is not defined{meant}")
     for call in source.nodes_of_type(ast.Call):
         name = _get_called_name(call)
         exists = name in source.bound_names or hasattr(sim.Environment, name)
@@ -142,6 +144,17 @@ def check_source(source: ProgramSource) -> Iterator[StaticFinding]:
         left = any(isinstance(inner, leaving) or _get_called_name(inner) == "exit" for inner in ast.walk(loop))
         if isinstance(loop.test, ast.Constant) and loop.test.value and not left:
             yield source.finding(loop.lineno, "endless_loop", "nothing leaves this while loop")
+
+
+def _find_missing_import(name: str, source: ProgramSource) -> str:
+    """A clause with the import that binds a name; empty for a name that no import is known for."""
+    line = "import numpy as np" if name == "np" else ""
+    modules = {node.value.id for node in source.nodes_of_type(ast.Attribute) if isinstance(node.value, ast.Name)}
+    if name in sim.__all__:
+        line = f"from {sim.__name__} import {name}"
+    elif name in modules and name in ("numpy", *sys.stdlib_module_names):
+        line = f"import {name}"
+    return f"; `{line}` is missing" if line else ""
 
 
 def suggest_nearest_name(name: str, known: Iterable[str]) -> str:

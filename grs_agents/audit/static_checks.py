@@ -68,11 +68,12 @@ def check_asset_literals_match_task(
         used[literal] = next((tail for tail in tails if tail in library), None)
     for literal, name in used.items():
         if name is None:
-            near = get_close_matches(literal, library.asset_names(), n=3, cutoff=0.4)
+            near = get_close_matches(literal, library.asset_names(), n=3, cutoff=0.0)
             text = f"the library has no asset {literal}; the nearest are {', '.join(near)}"
             yield source.finding(literals[literal], "unknown_asset", text)
         elif name not in task.assets:
-            text = f"{name} is not among the assets of the task"
+            near = get_close_matches(name, task.assets, n=1, cutoff=0.0)
+            text = f"{name} is not among the assets of the task, the nearest of which is {near[0]}"
             yield source.finding(literals[literal], "asset_not_in_task", text)
     for name in sorted(set(task.assets) - set(used.values())) if complete else ():
         yield source.finding(1, "asset_unused", f"the task names {name}, which the program does not add")

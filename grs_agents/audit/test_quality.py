@@ -42,6 +42,9 @@ _RUNTIME_NAMES: Final = {
 }
 # fmt: on
 """Names that lead there."""
+_SHARED: Final = "a test has to run its own, to full reward; one that setUpClass or setUpModule runs does not count"
+IN_PROGRAM: Final = "in the simulation program"
+"""Begin of faults that are the program's, not the tests'."""
 _CALLED: Final = frozenset({"exec", "eval", "compile", "__import__", "globals", "vars", "open"})
 
 
@@ -96,7 +99,7 @@ def find_runtime_accesses_of_program(simulation: str) -> Iterator[tuple[int, str
     """
     source = read_source("simulation", simulation)
     if isinstance(source, ProgramSource):
-        yield from ((line, f"in the simulation program {reach}") for line, reach in _find_runtime_accesses(source))
+        yield from ((line, f"{IN_PROGRAM} {reach}") for line, reach in _find_runtime_accesses(source))
 
 
 def _find_runtime_accesses(source: ProgramSource) -> Iterator[tuple[int, str]]:
@@ -150,8 +153,8 @@ def check_tests_exercise_program(faults: Sequence[tuple[int, str]], runs: Sequen
     solved = sum(run.solved for run in runs)
     if not solved:
         seen = sorted({run.difference for run in runs} - {""})[:1]
-        lines += ["no episode of theirs solved the task instance that was audited"]
-        lines += [f"the last scene they set up differs from it in: {difference}" for difference in seen]
+        cause = f"the last scene they set up differs from it in: {seen[0]}" if seen else _SHARED
+        lines += [f"no episode of theirs solved the task instance that was audited: {cause}"]
     otherwise = f"{solved} episodes at full reward ran the audited task instance"
     bound = "tests must import task_code, replace nothing, and let the oracle solve what the program sets up"
     return AuditFinding.from_fault_list("tests_of_program", lines, otherwise, bound)

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from typing import Literal
 
-from grs_agents.base import Frozen, Vec3
+from grs_agents.base import Frozen, Pose, Vec3
 from grs_agents.sim.rollouts import Rollout
 
 
@@ -43,6 +43,7 @@ class Change(Frozen):
     photo: Vec3 | None  # nearest position of the asset in the photo, if it shows the asset
     distance: float | None  # metres between the two in the table plane, if the photo shows the asset
     turned: float | None = None  # degrees between the two orientations, if the photo shows the asset
+    wanted: Pose | None = None  # that the authors are given (m, robot frame), if the photo shows the asset
     reason: str = ""  # measured reason to leave the photo's pose; empty if there is none
 
 
@@ -56,6 +57,11 @@ class AuditReport(Frozen):
     rewards: tuple[float, ...]  # the reward of each rollout
     about: str = ""  # scope of the verdict, a sentence or two
     unforeseen_seeds: tuple[int, ...] = ()  # more that were audited; they follow from the text of the programs
+
+    @property
+    def failures(self) -> tuple[AuditFinding, ...]:
+        """The findings of the checks that do not hold."""
+        return tuple(finding for finding in self.findings if not finding.passed)
 
 
 ProgramKind = Literal["simulation", "tests"]

@@ -45,17 +45,16 @@ def render_evidence(
     """The evidence about a pair of programs as text."""
     static = [f"{finding.program} line {finding.line}: {finding.kind}: {finding.message}" for finding in findings]
     sections = [["== static checks", *static] if static else [], _tests_section(report)]
-    named: dict[Episode, list[str]] = {}  # the episodes of tests, those of failed tests first
+    named: dict[str, list[str]] = {}  # where each episode was run, those of failed tests first
     for case in sorted(report.cases if report else (), key=lambda case: case.outcome == "passed"):
         if (episode := read_episode(case.episode)) is not None:
             hook = f"{case.episode_hook} of " if case.episode_hook not in ("", "test") else ""
-            named.setdefault(episode, []).append(f"{hook}{case.id}")
-    for episode, names in list(named.items())[:EPISODES]:
-        sections.append([f"== oracle episode ({', '.join(names)})", *_episode_lines(episode)])
+            named.setdefault("\n".join(_episode_lines(episode)), []).append(f"{hook}{case.id}")
+    shown = dict(list(named.items())[:EPISODES])
     if audit is not None:
         held = [finding.check for finding in audit.findings if finding.passed]
         head = f"{'accepted' if audit.accepted else 'failed'}: {len(held)} of {len(audit.findings)} checks hold"
-        failed = [f"- {finding.check}: FAILED: {finding.detail}" for finding in audit.findings if not finding.passed]
+        failed = [f"- {finding.check}: FAILED: {finding.detail}" for finding in audit.failures]
         seeds = [
             f"seed {rollout.seed}: {rollout.episode.outcome}, published {rollout.episode.reward:.2f}, "
             f"strict {rollout.episode.strict:.2f}, steps {rollout.episode.steps}/{rollout.episode.max_steps}"
@@ -64,7 +63,8 @@ def render_evidence(
         sections.append(["== audit", f"{head}: {', '.join(held)}" if held else head, *failed, *seeds])
         if audit.rollouts:
             shortest = min(audit.rollouts, key=lambda rollout: rollout.episode.strict)
-            sections.append([f"== oracle episode (audit seed {shortest.seed})", *_episode_lines(shortest.episode)])
+            shown.setdefault("\n".join(_episode_lines(shortest.episode)), []).append(f"audit seed {shortest.seed}")
+    sections += [[f"== oracle episode ({', '.join(names)})", *text.splitlines()] for text, names in shown.items()]
     return "\n\n".join("\n".join(line[:_LINE] for line in lines) for lines in sections if lines) or "(nothing was run)"
 
 
@@ -123,6 +123,9 @@ def _episode_lines(episode: Episode) -> Iterator[str]:
     steps = f"{episode.steps}/{episode.max_steps}"
     yield f"published: {episode.reward:.2f}  strict: {episode.strict:.2f}  steps: {steps}"
     yield f"detail: {episode.detail}"
+    if episode.arm_failure[0]:
+        asset, why = episode.arm_failure
+        yield f"physics: the arm cannot hold {asset} there: {why}"
     if episode.objects:
         yield f"concerns: {', '.join(episode.objects)}"
     goals: list[str] = []
@@ -137,7 +140,8 @@ def _episode_lines(episode: Episode) -> Iterator[str]:
     for motion in sorted(episode.motions, key=lambda motion: not motion.moved):
         end = f" -> {_point(motion.end)}" if motion.moved else ", not moved"
         tilt = f", tilted {motion.tilt:.0f} degrees" if motion.tilt >= _TILTED else ""
-        objects.append(f"{motion.asset} #{motion.object} {_point(motion.start)}{end}{tilt}")
+        color = f"{motion.color} " if motion.color else ""
+        objects.append(f"{color}{motion.asset} #{motion.object} {_point(motion.start)}{end}{tilt}")
     tables: dict[str, Sequence[str]] = {
         "goals": goals,
         "actions": actions,

@@ -12,7 +12,8 @@ from typing import Final, cast
 
 from grs_agents.agents.types import TaskDefinition, Verdict
 from grs_agents.audit.assertion_changes import find_changed_assertions
-from grs_agents.graph.policies.types import list_stable_failures, read_episode
+from grs_agents.audit.test_quality import IN_PROGRAM
+from grs_agents.graph.policies.types import are_words_unclear, list_stable_failures, read_episode
 from grs_agents.graph.services import Update
 from grs_agents.graph.state import (
     VERDICTS,
@@ -123,16 +124,20 @@ def record_outcome(state: RunState, judged: Update) -> Update:
 def list_untried_fix_strategies(state: RunState) -> dict[Verdict, Strategy]:
     """The strategy of the next fix by verdict: a fix in vain since the last progress is not tried again.
 
-    Empty once ``LONGEST_STREAK`` fixes in a row were in vain.
+    Empty once ``LONGEST_STREAK`` fixes in a row were in vain, and where the words alone are at fault and stay.
     """
     history, audit, decision = state.get("history", []), state.get("audit"), state.get("decision")
-    failed = [finding.check for finding in audit.findings if not finding.passed] if audit else []
+    failures = audit.failures if audit else ()
     suspects: tuple[ProgramName, ...] = ("simulation", "tests")
-    if failed and all(check.startswith(ABOUT_TESTS) for check in failed):
+    if failures and all(are_words_unclear(finding) for finding in failures):
+        suspects = ()
+    elif failures and all(
+        finding.check.startswith(ABOUT_TESTS) and IN_PROGRAM not in finding.measured for finding in failures
+    ):
         suspects = ("tests",)
     elif audit or (history and not decision) or (decision and decision.policy == "always_code"):
         suspects = ("simulation",)  # the audit failed otherwise, or no router decides
-    streak = list(takewhile(lambda record: record.vain, reversed(history)))
+    streak = list_latest_fixes_in_vain(state)
     if len(streak) >= LONGEST_STREAK:
         return {}
     # of the programs written anew for the present task: their authors would get the same prompts again
@@ -149,6 +154,11 @@ def list_untried_fix_strategies(state: RunState) -> dict[Verdict, Strategy]:
     return moves or {VERDICTS[suspect]: "fix" for suspect in suspects}
 
 
+def list_latest_fixes_in_vain(state: RunState) -> list[FixRecord]:
+    """The fixes in vain since the last progress, latest first."""
+    return list(takewhile(lambda record: record.vain, reversed(state.get("history", []))))
+
+
 def _split_lines(value: str | TaskDefinition | None) -> list[str]:
     text = json.dumps(value.as_json(), indent=1) if isinstance(value, TaskDefinition) else value or ""
     return text.splitlines()
@@ -162,7 +172,7 @@ def _hash_programs(state: RunState) -> str:
 def _hash_evidence(state: RunState) -> str:
     """Hash of report and audit without the parts that vary between runs."""
     report, audit = state.get("report"), state.get("audit")
-    failed = [(finding.check, finding.detail) for finding in audit.findings if not finding.passed] if audit else []
+    failed = [(finding.check, finding.detail) for finding in audit.failures] if audit else []
     return _hash_json([list_stable_failures(report) if report else (), failed])
 
 

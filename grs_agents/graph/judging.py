@@ -17,7 +17,12 @@ from grs_agents.graph.earlier_judgements import (
     recall_audit,
     recall_test_report,
 )
-from grs_agents.graph.fix_history import LONGEST_STREAK, list_untried_fix_strategies, record_outcome
+from grs_agents.graph.fix_history import (
+    LONGEST_STREAK,
+    list_latest_fixes_in_vain,
+    list_untried_fix_strategies,
+    record_outcome,
+)
 from grs_agents.graph.fixing import collect_evidence_for_fixer
 from grs_agents.graph.policies.types import EarlierDecision, RoutingContext, list_stable_failures
 from grs_agents.graph.rejection import explain_rejection
@@ -55,12 +60,12 @@ def run_tests(state: RunState, services: Services) -> Update:
 def decide_what_to_fix(state: RunState, services: Services) -> Update:
     """Let the policy choose the next fix among the untried."""
     judged = collect_evidence_for_fixer(state, services, "route")
-    verdicts = tuple(list_untried_fix_strategies(state))
+    verdicts, audit = tuple(list_untried_fix_strategies(state)), state.get("audit")
     context = RoutingContext(
         task=judged.task,
         report=state["report"],
         results=judged.results,
-        audit_failed=bool(state.get("audit")),
+        audit_failed=bool(audit),
         history=tuple(judged.history),
         agents=services.agents,
         simulation=judged.code,
@@ -70,6 +75,7 @@ def decide_what_to_fix(state: RunState, services: Services) -> Update:
         images=tuple(judged.images),
         verdicts=verdicts,
         earlier=tuple(state.get("routed", [])),
+        audit=audit,
     )
     decision = services.policy.decide(context)
     if decision.verdict not in verdicts:
@@ -145,7 +151,7 @@ def _decide_run_status_and_reason(
         reason = f"the tests pass and all {len(audit.findings)} checks of the audit hold"
         return "accepted", reason + (f"; the task was revised: {revised.given_up}" if revised else "")
     fixes = f"{state.get('fixes', 0)} of {state['max_fixes']} fixes used"
-    if not list_untried_fix_strategies(state):
+    if len(list_latest_fixes_in_vain(state)) >= LONGEST_STREAK:
         fixes += f", the last {LONGEST_STREAK} in vain"
     reason = explain_rejection(tests, audit, () if audit else rollouts, state.get("scene"))
     if audit:

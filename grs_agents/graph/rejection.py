@@ -15,8 +15,10 @@ _LONGEST = 400
 """Characters of a reason, which is a headline: audit.json and the report of the tests hold the rest."""
 _MOST_READ = 4_000
 """Characters of a reason that are searched for asset names."""
-_ASSET = re.compile(r"(?<![\w.-])(?<![\w.-]/)(?P<asset>[\w.-]+(?:/[\w.-]+)*\.(?:urdf|xml|obj))(?P<id> #\d+)?")
+_ASSET = re.compile(r"(?<![\w.-])(?<![\w.-]/)(?P<asset>[\w.-]+(?:/[\w.-]+)*\.(?:urdf|xml|obj)(?!\w))(?P<id> #\d+)?")
 """Matches a path only at its start, so that the time is linear in the text."""
+_UNKNOWN_ASSET = re.compile(r"\b(?:unknown|no) asset ")
+"""Begin of a list of names of the library: there only the names as they are written help."""
 _ERROR_CLASS = re.compile(r"\bgrs_agents(?:\.\w+)+: ")
 _FRAME = re.compile(r'File "(?P<file>[^"]*)", line (?P<line>\d+)[^\n]*\n +(?P<code>[^\n]+)')
 _BARE = re.compile(r"(?:np\.)?(?:False_?|True_?) is not (?:true|false)$")
@@ -69,7 +71,9 @@ def explain_rejection(
         words = re.sub(r"(?<=[a-z])(?=[A-Z])|_", " ", Path(match["asset"]).stem).lower()
         return f"the {words}{match['id'] or ''}"
 
-    named = _ASSET.sub(name_asset, _ERROR_CLASS.sub("", " ".join(reason.split())[:_MOST_READ]))
+    named = _ERROR_CLASS.sub("", " ".join(reason.split())[:_MOST_READ])
+    if not _UNKNOWN_ASSET.search(named):
+        named = _ASSET.sub(name_asset, named)
     return named if len(named) <= _LONGEST else f"{named[:_LONGEST]}..."
 
 

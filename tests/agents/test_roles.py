@@ -11,7 +11,7 @@ from grs_agents.agents import roles
 from grs_agents.agents.agent import Agents
 from grs_agents.agents.prompt_template import read_prompt_template
 from grs_agents.agents.roles import JudgedPrograms
-from grs_agents.agents.types import NoReply, TaskDefinition
+from grs_agents.agents.types import NoReply, TaskDefinition, TaskRevision
 from grs_agents.base import content
 from grs_agents.base.config.schema import Config
 from grs_agents.base.trace.log import read_events
@@ -123,3 +123,25 @@ def test_all_unknown_assets_are_told_with_those_that_are_near(tmp_path: Path) ->
     outcome = roles.author_task(agents, {"objects": []}, ASSETS, [])
     assert isinstance(outcome, NoReply) and "'Mylk.urdf', 'xyz'" in outcome.problem
     assert "HOPE/Milk.urdf" in outcome.problem
+
+
+@pytest.mark.parametrize(
+    ("reply", "changed", "given_up"),
+    [
+        ({"task-description": "Put b into c."}, {"task-description": "Put b into c."}, "nothing was given up"),
+        ({"task_description": "Put b."}, {"task-description": "Put b."}, "nothing was given up"),
+        ({"assets-used": None, "given-up": "c stays"}, {}, "c stays"),
+    ],
+)
+def test_a_revision_keeps_what_it_leaves_out(
+    reply: dict[str, Any], changed: dict[str, Any], given_up: str, tmp_path: Path
+) -> None:
+    agents = scripted(tmp_path, [f"```json\n{json.dumps(reply)}\n```"], Config(reply_retries=0))
+    revision = roles.fix_task(agents, JUDGED, SCENE["objects"], [])
+    assert isinstance(revision, TaskRevision)
+    assert revision.as_json() == {**TASK.as_json(), **changed, "given-up": given_up}
+
+
+def test_a_revision_of_nothing_is_refused(tmp_path: Path) -> None:
+    agents = scripted(tmp_path, ['```json\n{"task": "Put b."}\n```'], Config(reply_retries=0))
+    assert isinstance(roles.fix_task(agents, JUDGED, SCENE["objects"], []), NoReply)

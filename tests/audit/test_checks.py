@@ -286,6 +286,14 @@ def test_what_left_its_place_in_the_photo_is_recorded() -> None:
     assert find_pose_changes([instance(0, MILK, CAN, moved_by=0.02)], scene(MILK, CAN), Library()) == []
 
 
+def test_what_left_its_place_is_told_with_the_pose_that_was_wanted() -> None:
+    report = judge(instances=altered(MILK, pose=(PLACES[MILK], (0.0, 0.0, 0.2588, 0.9659))))
+    told = next(finding.measured for finding in report.findings if finding.check == "photo_poses")
+    x, y, z = PLACES[MILK]
+    assert f"{MILK} is 0 cm from its pose in the photo, (({x:.3g}, {y:.3g}, {z:.3g}), (0, 0, 0, 1)), and turned" in told
+    assert told.count(MILK) == 1, "all seeds in one clause"
+
+
 PHOTO = scene(MILK, CAN)
 
 

@@ -1,6 +1,7 @@
 """What shows in the two programs without a run; right programs show nothing."""
 
 import random
+import re
 
 import pytest
 
@@ -110,6 +111,28 @@ def test_a_message_names_the_nearest_right_names() -> None:
     assert "language_goal" in finding.message
     findings = check_programs(SIMULATION.replace("HOPE/Tuna", "HOPE/Tune"), TESTS, TASK, Library())
     assert "HOPE/Tuna.urdf" in next(item.message for item in findings if item.kind == "unknown_asset")
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("x = np.ones(1)", "np is not defined; `import numpy as np` is missing"),
+        ("x = math.pi", "math is not defined; `import math` is missing"),
+        ("x = utils.COLORS", "utils is not defined; `from grs_agents.sim import utils` is missing"),
+        ("x = token", "token is not defined; did you mean open"),
+    ],
+)
+def test_a_missing_import_is_named(line: str, message: str) -> None:
+    text = re.sub(r"^(?:import numpy as np|import math)\n", "", SIMULATION, flags=re.M).replace(", utils", "")
+    findings = check_programs(f"p = 1\n{text}\n{line}\n", TESTS, TASK, Library())
+    assert message in [finding.message for finding in findings]
+
+
+def test_an_unknown_asset_has_a_nearest_name_however_far() -> None:
+    far = check_programs(SIMULATION.replace("HOPE/Tuna.urdf", "q/zzz.urdf"), TESTS, TASK, Library())
+    assert re.search(r"nearest are \w\S+\.urdf, ", next(item.message for item in far if item.kind == "unknown_asset"))
+    other = check_programs(SIMULATION.replace("HOPE/Tuna.urdf", "HOPE/Mustard.urdf"), TESTS, TASK, Library())
+    assert "the nearest of which is HOPE/" in next(item.message for item in other if item.kind == "asset_not_in_task")
 
 
 @pytest.mark.parametrize("lines", ['exec("hidden = 1")\nprint(hidden)', "from math import *\nprint(sin(1))"])

@@ -32,6 +32,18 @@ def test_routing_of_no_fault_is_an_error(tmp_path: Path) -> None:
         main(["--only", "no such fault", "--out", str(tmp_path)])
 
 
+def test_faults_in_folders_are_of_the_scene_that_is_named(tmp_path: Path) -> None:
+    main = content.load_module("evals", "routing").main
+    for name in ("BASE", "S01"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "simulation.py").write_text("1 / 0\n")
+        (tmp_path / name / "test_simulation.py").write_text("")
+    task = {"task-name": "t", "task-description": "Put a into b.", "assets-used": ["a"]}
+    (tmp_path / "BASE" / "task.json").write_text(json.dumps(task))
+    with pytest.raises(InputError, match="nowhere does not exist"):
+        main([str(tmp_path), "--scene", str(tmp_path / "nowhere"), "--out", str(tmp_path / "out")])
+
+
 def test_perception_of_labelled_and_synthesised_scenes(
     small_scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -195,6 +195,24 @@ def test_the_audit_tells_its_failures_and_the_seed_that_fell_shortest() -> None:
     assert lines[6] == "== oracle episode (audit seed 1)"
 
 
+def test_an_episode_that_a_test_and_the_audit_saw_is_told_once() -> None:
+    episode = Episode.model_validate(EPISODE)
+    rollout = Rollout(seed=0, episode=episode, idle_reward=0.0, moved=(), initial={}, final={}, reachable=())
+    audit = AuditReport(accepted=False, findings=(), changes=(), rollouts=(rollout,), rewards=(0.5,))
+    report = TestReport(outcome="passed", cases=(case("test_a", episode=EPISODE),))
+    heads = [line for line in render_evidence(report, audit).splitlines() if line.startswith("== oracle")]
+    assert heads == ["== oracle episode (TestX.test_a, audit seed 0)"]
+
+
+def test_what_the_cup_loses_is_told_as_physics_and_painted_things_by_their_colour() -> None:
+    note = "HOPE/Milk.urdf (0.98 kg) tipped off the cup: 0.27 N m bent it, it bears 0.15 N m"
+    lost = {**EPISODE, "actions": [{**EPISODE["actions"][0], "note": note}]}
+    lost["motions"] = [{**EPISODE["motions"][0], "color": "green"}]
+    lines = render_evidence(TestReport(outcome="failed", cases=(case("test_a", "failed", episode=lost),))).splitlines()
+    assert f"physics: the arm cannot hold HOPE/Milk.urdf there: {note}" in lines
+    assert "  green box/box.urdf #1 (0.500, 0.000, 0.000), not moved" in lines
+
+
 def test_of_many_tests_those_that_failed_are_shown() -> None:
     cases = [case(f"test_{number}") for number in range(500)]
     lines = render_evidence(TestReport(outcome="failed", cases=(*cases, case("test_z", "error")))).splitlines()

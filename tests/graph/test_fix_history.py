@@ -11,9 +11,9 @@ from grs_agents.agents.types import TaskDefinition
 from grs_agents.audit.checks import audit_task
 from grs_agents.base.config.schema import AuditConfig, Config
 from grs_agents.base.trace.log import EventLog
-from grs_agents.graph.fix_history import describe_fix_history
+from grs_agents.graph.fix_history import describe_fix_history, list_untried_fix_strategies
 from grs_agents.graph.fixing import fix_code
-from grs_agents.graph.judging import conclude_with_best_version, run_tests
+from grs_agents.graph.judging import conclude_with_best_version, next_step_after_audit, run_tests
 from grs_agents.graph.policies.policy_registry import load_policy
 from grs_agents.graph.services import Services
 from grs_agents.graph.state import FixRecord, RunState, state_as_json
@@ -97,6 +97,55 @@ def test_a_revised_task_is_written_for_anew_and_what_was_given_up_is_recorded(
         "conclude",
     ]
     assert [finding.check for finding in ended["audit"].findings if finding.check == "revision"]
+
+
+@pytest.mark.parametrize(
+    ("measured", "revisable", "verdicts"),
+    [
+        ("unclear, says the judge (m): which cube?", True, ["fix_task"]),
+        ("unclear, says the judge (m): which cube?", False, []),
+        ("differs, says the judge (m): the cube stays", True, ["fix_code", "fix_task"]),
+        ("differs, says the judge (m): the cube stays", False, ["fix_code"]),
+    ],
+)
+def test_no_program_is_changed_for_unclear_words(
+    state: RunState, measured: str, revisable: bool, verdicts: list[str]
+) -> None:
+    finding = {"check": "words", "passed": False, "measured": measured, "bound": ""}
+    audit = {"accepted": False, "findings": [finding], "changes": [], "rollouts": [], "rewards": []}
+    failed = with_(state, audit=audit, revisable=revisable)
+    assert list(list_untried_fix_strategies(failed)) == verdicts
+    assert next_step_after_audit(failed) == ("fix" if verdicts else "stop")
+
+
+def test_a_run_whose_words_stay_unclear_revises_the_task_once_and_changes_no_program(
+    state: RunState, tmp_path: Path, sandbox: Sandbox
+) -> None:
+    plainer = {"task-description": "Move the red block, then the blue block."}
+    ended, services = run_stubborn(
+        state,
+        tmp_path,
+        sandbox,
+        tests=fenced(TESTS),
+        judge=fenced(json.dumps({"verdict": "unclear", "reason": "Where to?"}), "json"),
+        fix_task=fenced(json.dumps(plainer), "json"),
+    )
+    assert state_as_json(ended)["task"] == {**TASK, **plainer}
+    ran = [event.node for event in kinds(services, "node_ended")]
+    assert ran.count("fix_task") == 1 and not {"fix_code", "fix_tests"} & {*ran}
+    assert "audit failed: words; 1 of 12 fixes used)" in ended["reason"] and "Where to?" in ended["reason"]
+
+
+@pytest.mark.parametrize(
+    ("measured", "verdicts"),
+    [("line 3: they import mock", ["fix_test"]), ("line 3: in the simulation program it imports gc", ["fix_code"])],
+)
+def test_a_check_of_the_tests_that_names_the_program_blames_the_program(
+    state: RunState, measured: str, verdicts: list[str]
+) -> None:
+    finding = {"check": "tests_of_program", "passed": False, "measured": measured, "bound": ""}
+    audit = {"accepted": False, "findings": [finding], "changes": [], "rollouts": [], "rewards": []}
+    assert list(list_untried_fix_strategies(with_(state, audit=audit))) == verdicts
 
 
 def test_a_run_that_is_not_accepted_leaves_the_best_version_in_place(state: RunState, make_services: Make) -> None:

@@ -1,5 +1,6 @@
 """The built-in routing policies, and how one's own is found."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypedDict, cast
@@ -11,7 +12,7 @@ from langgraph.types import Command
 
 from grs_agents.agents.agent import Agents
 from grs_agents.agents.types import TaskDefinition
-from grs_agents.audit.types import StaticFinding
+from grs_agents.audit.types import AuditFinding, AuditReport, StaticFinding
 from grs_agents.base import Vec3
 from grs_agents.base.config.schema import Config
 from grs_agents.base.errors import ConfigError, UnknownNameError
@@ -37,9 +38,12 @@ def episode(outcome: Outcome, **facts: Any) -> dict[str, Any]:
     return Episode.model_validate({"outcome": outcome, "motions": (moved,), **said, **facts}).model_dump(mode="json")
 
 
-def case(outcome: str, raised_in: str | None, episode: dict[str, Any] | None = None) -> TestCase:
+def case(
+    outcome: str, raised_in: str | None, episode: dict[str, Any] | None = None, message: str = "m", traceback: str = ""
+) -> TestCase:
+    told = {"message": message, "traceback": traceback}
     return TestCase.model_validate(
-        {"id": "T.test_a", "outcome": outcome, "message": "m", "raised_in": raised_in, "episode": episode}
+        {"id": "T.test_a", "outcome": outcome, "raised_in": raised_in, "episode": episode, **told}
     )
 
 
@@ -153,6 +157,28 @@ def test_a_solved_episode_clears_the_program_only_if_it_did_the_task(
 
 
 @pytest.mark.parametrize(
+    ("extent", "verdict"), [((0.22, 0.3), "fix_test"), ((0.3, 0.22), "fix_code"), ((0, 0), "fix_test")]
+)
+def test_a_box_that_stands_across_its_pose_in_the_photo_is_a_doubt(extent: tuple[float, float], verdict: str) -> None:
+    moved = [
+        motion.model_copy(update={"extent": extent}) if motion.asset == "container/open_box.urdf" else motion
+        for motion in motions(RIGHT)
+    ]
+    given = context("failed", [case("failed", "tests", episode("success", motions=moved))])
+    assert load_policy("rules").decide(replace(given, task=STACK, scene=SCENE)).verdict == verdict
+
+
+def test_a_program_that_overrides_what_the_runtime_answers_is_to_be_fixed() -> None:
+    given = context(
+        "failed", [case("error", "tests", message="AttributeError: 'NoneType' object has no attribute 'act'")]
+    )
+    assert load_policy("rules").decide(given).verdict == "fix_test"
+    own = "class Mine(Task):\n    def oracle(self, env):\n        return None\n"
+    decision = load_policy("rules").decide(replace(given, simulation=own))
+    assert (decision.verdict, decision.sure) == ("fix_code", False)
+
+
+@pytest.mark.parametrize(
     ("program", "kind", "verdict"),
     [
         ("simulation", "unknown_asset", "fix_code"),
@@ -184,7 +210,201 @@ def test_a_task_that_cannot_be_done_is_revised_once_the_program_was_mended_in_va
     assert load_policy("rules").decide(replace(given, earlier=(routed,))).verdict == "fix_task"
 
 
-SURE, UNSURE = case("error", "tests"), case("failed", "tests")
+ZONE = "zone/zone-template.urdf"
+SORT = TaskDefinition.model_validate(
+    {
+        "task-name": "sort",
+        "task-description": "Put the red cube on the green zone, and the blue cube on the yellow zone.",
+        "assets-used": ["block/red_block.urdf", "block/blue_block.urdf", ZONE],
+    }
+)
+
+
+def sorted_cubes(red: Vec3, blue: Vec3) -> tuple[ObjectMotion, ...]:
+    """Both cubes at their ends; the green zone is 12 cm from the yellow one."""
+    ends = {"block/red_block.urdf": red, "block/blue_block.urdf": blue}
+    cubes = [
+        ObjectMotion(object=number, asset=name, start=STARTS[name], end=end, tilt=0, moved=True, extent=(0.04, 0.04))
+        for number, (name, end) in enumerate(ends.items())
+    ]
+    zones = [
+        ObjectMotion(object=number, asset=ZONE, start=at, end=at, tilt=0, moved=False, extent=(0.1, 0.1), color=color)
+        for number, at, color in ((5, ON_GREEN, "green"), (6, ON_YELLOW, "yellow"))
+    ]
+    return (*cubes, *zones)
+
+
+ON_GREEN, ON_YELLOW = (0.45, 0.0, 0.001), (0.45, 0.12, 0.001)
+
+
+@pytest.mark.parametrize(
+    ("red", "blue", "words", "verdict", "sure"),
+    [
+        (ON_GREEN, ON_YELLOW, "", "fix_test", True),
+        (ON_YELLOW, ON_GREEN, "", "fix_code", True),
+        (ON_GREEN, ON_GREEN, "", "fix_code", True),
+        (ON_GREEN, ON_YELLOW, " Turn it so that the label shows.", "fix_test", False),
+        (ON_GREEN, ON_YELLOW, " Then sing.", "fix_test", False),
+        (ON_YELLOW, ON_GREEN, " Then sing.", "fix_code", False),
+    ],
+    ids=["right", "crossed", "both-on-one", "more-asked-for", "more-clauses", "crossed-and-more"],
+)
+def test_colours_tell_two_zones_of_an_asset_apart(red: Vec3, blue: Vec3, words: str, verdict: str, sure: bool) -> None:
+    task = SORT.model_copy(update={"description": SORT.description + words})
+    given = context("failed", [case("failed", "tests", episode("success", motions=sorted_cubes(red, blue)))])
+    scene = json.loads(SCENE)
+    scene["objects"] = [item for item in scene["objects"] if item["asset"] in SORT.assets]
+    decision = load_policy("rules").decide(replace(given, task=task, scene=json.dumps(scene)))
+    assert (decision.verdict, decision.sure) == (verdict, sure), decision.explanation
+
+
+def test_a_zone_of_another_colour_and_a_wrong_order_in_time_are_doubts_about_the_program() -> None:
+    pink = [
+        motion.model_copy(update={"color": "pink"}) if motion.asset == ZONE else motion
+        for motion in sorted_cubes(ON_GREEN, ON_YELLOW)
+    ]
+    given = context("failed", [case("failed", "tests", episode("success", motions=pink))])
+    decision = load_policy("rules").decide(replace(given, task=SORT))
+    assert (decision.verdict, decision.sure) == ("fix_code", False) and "pink" in decision.explanation
+    moves = [
+        ActionRecord(object=1, asset=name, pick=(0, 0, 0), place=(0, 0, 0), reward=0.5, note="placed")
+        for name in ("block/blue_block.urdf", "block/red_block.urdf")
+    ]
+    then = SORT.model_copy(update={"description": SORT.description.replace(", and", ", then put")})
+    for actions, verdict in ((moves, "fix_code"), (moves[::-1], "fix_test")):
+        facts = {"motions": sorted_cubes(ON_GREEN, ON_YELLOW), "actions": actions}
+        given = context("failed", [case("failed", "tests", episode("success", **facts))])
+        assert load_policy("rules").decide(replace(given, task=then)).verdict == verdict
+
+
+@pytest.mark.parametrize(
+    ("description", "ends", "verdict"),
+    [
+        ("Line up {} on the zone, side by side from the shortest to the tallest.", (0.1, 0.2, 0.3), "fix_test"),
+        ("Line up {} on the zone, side by side from the shortest to the tallest.", (0.3, 0.2, 0.1), "fix_test"),
+        ("Line up {} on the zone, side by side from the shortest to the tallest.", (0.1, 0.3, 0.2), "fix_code"),
+        ("Put {} in front of the zone.", (0.1, 0.3, 0.2), "fix_test"),
+    ],
+)
+def test_a_row_has_the_order_of_heights(description: str, ends: tuple[float, ...], verdict: str) -> None:
+    names = ("block/blue_block.urdf", "HOPE/Tuna.urdf", "container/open_box.urdf")
+    heights = (0.04, 0.06, 0.09)
+    things = [
+        {"name": name, "asset": name, "position": [0.5, -0.3, 0.02], "size": [0.04, 0.04, height]}
+        for name, height in zip(names, heights, strict=True)
+    ]
+    text = description.format("the blue block, the tuna and the open box")
+    task = {"task-name": "t", "task-description": text, "assets-used": [*names, ZONE]}
+    moved = [
+        ObjectMotion(object=number, asset=name, start=(0.5, -0.3, 0.02), end=(0.5, y, 0.02), tilt=0, moved=True)
+        for number, (name, y) in enumerate(zip(names, ends, strict=True))
+    ]
+    zone = ObjectMotion(object=9, asset=ZONE, start=(0.5, 0.2, 0), end=(0.5, 0.2, 0), tilt=0, moved=False)
+    given = context("failed", [case("failed", "tests", episode("success", motions=(*moved, zone)))])
+    scene = json.dumps({"objects": things})
+    given = replace(given, task=TaskDefinition.model_validate(task), scene=scene)
+    assert load_policy("rules").decide(given).verdict == verdict
+
+
+LOST = ActionRecord(
+    object=1,
+    asset="HOPE/Tuna.urdf",
+    pick=(0.62, -0.24, 0.03),
+    place=(0.6, 0.2, 0.03),
+    reward=0,
+    note="HOPE/Tuna.urdf (0.98 kg) tipped off the cup: 0.27 N m bent it, it bears 0.15 N m",
+)
+
+
+@pytest.mark.parametrize(
+    ("outcome", "facts", "start", "verdict"),
+    [
+        ("dropped", {"actions": (LOST,)}, STARTS["HOPE/Tuna.urdf"], "fix_task"),
+        ("step_limit", {"actions": (LOST,)}, STARTS["HOPE/Tuna.urdf"], "fix_task"),
+        ("no_seal", {"objects": ("HOPE/Tuna.urdf",)}, STARTS["HOPE/Tuna.urdf"], "fix_task"),
+        ("unreachable", {"objects": ("HOPE/Tuna.urdf",)}, STARTS["HOPE/Tuna.urdf"], "fix_code"),
+        ("dropped", {"actions": (LOST,)}, (0.55, -0.24, 0.017), "fix_code"),
+        ("no_seal", {"objects": ("HOPE/Tuna.urdf",)}, (0.62, -0.24, 0.037), "fix_code"),
+        ("dropped", {"actions": (LOST.model_copy(update={"note": f"{LOST.note} as it hit a"}),)}, None, "fix_code"),
+    ],
+)
+def test_what_the_arm_cannot_hold_where_the_photo_shows_it_is_the_tasks(
+    outcome: Outcome, facts: dict[str, Any], start: Vec3 | None, verdict: str
+) -> None:
+    starts = {"HOPE/Tuna.urdf": start or STARTS["HOPE/Tuna.urdf"]}
+    failed = case("failed", "tests", episode(outcome, motions=motions({}, starts), detail="no seal", **facts))
+    given = replace(context("failed", [failed]), task=STACK, scene=SCENE)
+    revisable = replace(given, verdicts=("fix_code", "fix_test", "fix_task"))
+    decision = load_policy("rules").decide(revisable)
+    assert (decision.verdict, decision.cause == "wrong_task") == (verdict, verdict == "fix_task")
+    assert load_policy("rules").decide(given).verdict == "fix_code"
+
+
+def test_what_is_out_of_reach_in_the_photo_is_the_tasks() -> None:
+    far = SCENE.replace('"name": "tuna_1"', '"reachable": false, "name": "tuna_1"')
+    facts = {"motions": motions({}), "objects": ("HOPE/Tuna.urdf",), "detail": "1.03 m from the base"}
+    given = context("failed", [case("failed", "tests", episode("unreachable", **facts))])
+    given = replace(given, task=STACK, scene=far, verdicts=("fix_code", "fix_test", "fix_task"))
+    assert load_policy("rules").decide(given).verdict == "fix_task"
+
+
+@pytest.mark.parametrize(
+    ("measured", "verdicts", "verdict"),
+    [
+        ("unclear, says the judge (m): which cube?", ("fix_task",), "fix_task"),
+        ("the judge model gave no usable reply in 3 tries: no JSON", ("fix_task",), "fix_task"),
+        ("differs, says the judge (m): the can stays", ("fix_code", "fix_task"), "fix_code"),
+    ],
+)
+def test_unclear_words_are_the_tasks(measured: str, verdicts: tuple[Any, ...], verdict: str) -> None:
+    finding = AuditFinding(check="words", passed=False, measured=measured, bound="")
+    audit = AuditReport(accepted=False, findings=(finding,), changes=(), rollouts=(), rewards=())
+    given = context("passed", [case("passed", None)], audit_failed=True)
+    decision = load_policy("rules").decide(replace(given, audit=audit, verdicts=verdicts))
+    assert decision.verdict == verdict
+
+
+CALLS_RESET = """Traceback (most recent call last):
+  File "test_task_code.py", line 12, in setUp
+    self.task.reset(None)
+  File "task_code.py", line 17, in reset
+    env.add_object("HOPE/Tuna.urdf", pose)
+AttributeError: 'NoneType' object has no attribute 'add_object'"""
+
+
+@pytest.mark.parametrize(
+    ("failed", "tests", "verdict", "sure"),
+    [
+        (case("error", "tests", message="ValueError: too many values to unpack"), "", "fix_test", False),
+        (
+            case("error", "tests", message="AttributeError: 'NoneType' object has no attribute 'x'"),
+            "",
+            "fix_test",
+            False,
+        ),
+        (case("error", "tests", message="AttributeError: 'Oracle' object has no attribute 'x'"), "", "fix_test", True),
+        (case("error", "simulation", message="ValueError: no"), "", "fix_code", True),
+        (
+            case("error", "simulation", message=CALLS_RESET.splitlines()[-1], traceback=CALLS_RESET),
+            "",
+            "fix_test",
+            False,
+        ),
+        (case("error", "simulation", message="ValueError: no", traceback=CALLS_RESET), "", "fix_code", False),
+        (case("failed", "tests", episode("unreachable")), "Environment(robot='panda')", "fix_test", False),
+        (case("failed", "tests", episode("unreachable")), "Environment('assets', disp=False)", "fix_code", True),
+        (case("failed", "tests", episode("partial")), "env.step({'pose0': a, 'pose1': b})", "fix_test", False),
+        (case("timeout", "library"), "", "fix_code", False),
+    ],
+)
+def test_rules_are_sure_only_where_the_other_program_cannot_be_the_cause(
+    failed: TestCase, tests: str, verdict: str, sure: bool
+) -> None:
+    decision = load_policy("rules").decide(replace(context("failed", [failed]), tests=tests))
+    assert (decision.verdict, decision.sure) == (verdict, sure), decision.explanation
+
+
+SURE, UNSURE = case("error", "tests", message="NameError: name 'np' is not defined"), case("failed", "tests")
 
 
 @pytest.mark.parametrize(

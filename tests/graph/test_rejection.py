@@ -104,3 +104,17 @@ def test_a_reason_of_a_million_letters_is_read_and_cut(letters: str) -> None:
     report = TestReport.model_validate({"outcome": "failed", "cases": [case]})
     reason = explain_rejection(report, None)
     assert reason.startswith("test_it: KeyError: the red block ") and len(reason) <= 403
+
+
+@pytest.mark.parametrize(
+    ("message", "line"),
+    [
+        ("ValueError: too many", 'tuna, box = self.env.obj_ids["rigid"]'),
+        ("UnknownNameError: unknown asset 'HOPE/Tune.urdf'; did you mean HOPE/Tuna.urdf?", "env.find(name)"),
+    ],
+)
+def test_code_and_names_of_the_library_are_quoted_as_they_are(message: str, line: str) -> None:
+    traceback = f'  File "test_task_code.py", line 3, in test_a\n    {line}\n{message}'
+    failed = {"id": "T.test_a", "outcome": "error", "message": message, "traceback": traceback, "raised_in": "tests"}
+    report = TestReport.model_validate({"outcome": "error", "cases": [failed]})
+    assert explain_rejection(report, None) == f"test_a: {message} at line 3 of the tests: {line}"

@@ -131,6 +131,7 @@ def test_a_suite_that_only_looks_at_the_reward_has_no_teeth(state: RunState, mak
     ("changes", "check", "told"),
     [
         ({"tests": GUTTED}, "tests_of_program", "no episode of theirs"),
+        ({"tests": GUTTED}, "tests_of_program", "setUpClass"),
         ({"tests": OWN_TASK}, "tests_of_program", "Mine is a Task of their own"),
         ({"tests": PATCHES}, "tests_of_program", "Environment.step was replaced"),
         ({"tests": LOOKS}, "tests_of_program", "witness leads to what runs"),
@@ -143,6 +144,7 @@ def test_a_suite_that_only_looks_at_the_reward_has_no_teeth(state: RunState, mak
     ],
     ids=[
         "gutted",
+        "gutted: why",
         "a task of its own",
         "patched while it runs",
         "looks for the probe",

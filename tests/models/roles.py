@@ -78,7 +78,7 @@ def verdict_on(
     task: Json | None = None,
     scene: Json | None = None,
     code: str = "",
-    verdicts: str = "fix_code, fix_test",
+    verdicts: str = "fix_code, fix_test, fix_task",
 ) -> tuple[str, str]:
     """The router's verdict and its explanation."""
     values = {

@@ -117,7 +117,7 @@ def compose_poses(pose0: Pose, pose1: Pose) -> Pose:
 
 
 def invert_pose(pose: Pose) -> Pose:
-    """The inverse transform: ``compose_poses(pose, invert(pose))`` is the identity."""
+    """The inverse transform: multiplied with ``pose``, it gives the identity."""
     x, y, z, w = to_unit_quaternion(pose[1])
     back: Quat = (-x, -y, -z, w)
     return (to_vec3(-(quaternion_to_matrix(back) @ np.asarray(pose[0], dtype=np.float64))), back)

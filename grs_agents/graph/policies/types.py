@@ -8,14 +8,15 @@ from pydantic import ValidationError
 
 from grs_agents.agents.agent import Agents
 from grs_agents.agents.types import TaskDefinition, Verdict
-from grs_agents.audit.types import StaticFinding
+from grs_agents.audit.types import AuditFinding, AuditReport, StaticFinding
 from grs_agents.base import Frozen
 from grs_agents.sandbox.protocol.report import TestReport
 from grs_agents.sim.instance.episode import Episode
 
-Cause = Literal["tests_error", "wrong_expectation", "wrong_program", "cannot_tell"]
+Cause = Literal["tests_error", "wrong_expectation", "wrong_program", "wrong_task", "cannot_tell"]
 """Cause of a failure: the tests are in error; they expect more than the task says; the program does not do the task,
-since it raises, falls short or succeeds at another task; or the evidence leaves it open."""
+since it raises, falls short or succeeds at another task; the arm cannot do the task, or its words are unclear; or the
+evidence leaves it open."""
 
 
 class EarlierDecision(Frozen):
@@ -42,6 +43,7 @@ class RoutingContext:
     images: tuple[str, ...] = ()  # the end of the robot's episode, relative to the run folder
     verdicts: tuple[Verdict, ...] = ("fix_code", "fix_test")  # left to try; no other is followed
     earlier: tuple[EarlierDecision, ...] = ()  # the earlier decisions, oldest first
+    audit: AuditReport | None = None  # the failed audit
 
 
 class RoutingDecision(Frozen):
@@ -60,6 +62,11 @@ class Policy(Protocol):
     def decide(self, context: RoutingContext) -> RoutingDecision:
         """Decide which of the programs, or the task, to fix next."""
         ...
+
+
+def are_words_unclear(finding: AuditFinding) -> bool:
+    """Whether a finding is that nobody can tell what the words ask for, which no program changes."""
+    return finding.check == "words" and not finding.passed and not finding.measured.startswith("differs")
 
 
 def list_stable_failures(report: TestReport) -> tuple[str, ...]:

@@ -1,5 +1,5 @@
 """The router: parses a report (static findings, tests, the robot's episodes, the audit), and decides which of the two
-programs is at fault."""
+programs is at fault, or whether the task is."""
 
 import re
 from dataclasses import dataclass, replace
@@ -45,6 +45,7 @@ class OracleEpisode:
     strict: float  # score at the end, 0..1
     detail: str  # the sentence that explains it
     objects: tuple[str, ...]  # asset names concerned
+    physics: str  # how the arm failed to hold an object; empty if it did not
     moved: tuple[str, ...]  # asset names of the moved objects
 
     @property
@@ -87,6 +88,7 @@ def parse_report_evidence(text: str) -> Evidence:
             strict=float(score["strict"]) if score else 0.0,
             detail=values.get("detail", ""),
             objects=tuple(filter(None, values.get("concerns", "").split(", "))),
+            physics=values.get("physics", ""),
             moved=tuple(match["asset"] for match in map(_MOVED.match, rows) if match),
         )
         oracles.append(episode)
@@ -131,7 +133,7 @@ def decide_what_to_fix(prompt: PromptText) -> str:
     verdict, explanation = decide_verdict_from_evidence(evidence, tuple(sorted(neglected)))
     allowed = re.findall(r"\bfix_\w+", prompt.section_body("verdicts")) or [verdict]
     if verdict not in allowed:
-        verdict, explanation = allowed[0], f"{explanation} As {verdict} was tried in vain, the other program is next."
+        verdict, explanation = allowed[0], f"{explanation} As {verdict} is not left to try, {allowed[0]} is next."
     return f"{explanation}\n\n```\n{verdict}\n```"
 
 
@@ -139,7 +141,7 @@ def decide_verdict_from_evidence(evidence: Evidence, neglected: tuple[str, ...] 
     """Decide the verdict from the evidence.
 
     The tests are at fault if a check finds it, or if they fail although the oracle solved a program that does as the
-    task says. Otherwise the program is at fault.
+    task says. The task is if its words are unclear or the arm cannot hold an object. Otherwise the program is at fault.
 
     Args:
         evidence: the parsed report.
@@ -164,8 +166,13 @@ def decide_verdict_from_evidence(evidence: Evidence, neglected: tuple[str, ...] 
         return "fix_test", f"The audit finds fault with the tests alone: {about}."
     if neglected:
         return "fix_code", f"The task's words move {', '.join(neglected)}, which the robot did not: the goals lack it."
+    words = evidence.findings.get("words", "differs")
+    if not words.startswith("differs"):
+        return "fix_task", f"The words of the task are at fault: {words}."
     if evidence.shortfalls:
         oracle = evidence.shortfalls[0]
+        if oracle.physics:
+            return "fix_task", f"No program changes the physics: {oracle.physics}."
         return "fix_code", f"The oracle ended in {oracle.outcome}, strict score {oracle.strict:.2f}: {oracle.detail}."
     if evidence.cases:
         case = evidence.cases[0]

@@ -26,7 +26,9 @@ _TASK = (
 _ENVIRONMENT = ("add_object", "find", "get_object_pose", "get_object_size", "set_color", "reset", "step")
 _GOALS = ("inside", "on", "stacked", "near", "aligned", "upright", "in_zone")
 _UTILS = ("eulerXYZ_to_quatXYZW", "quatXYZW_to_eulerXYZ", "multiply", "invert", "apply")
-_FOR_TESTS = frozenset({"add_goal", "goals_met", "find", "get_object_pose", "get_object_size", "reset", "step"})
+_FOR_TESTS = frozenset(
+    {"add_goal", "goals_met", "find", "get_object_pose", "get_object_size", "reset", "step", *_UTILS}
+)
 """Names for readers who test: to read goals, run a task and look at the scene, not to build it."""
 
 Reader = Literal["program", "tests"]

@@ -19,6 +19,7 @@ from grs_agents.sim.instance.goal import Goal
 from grs_agents.sim.instance.task_instance import ROTATION_TOLERANCE
 from grs_agents.sim.tabletop import TabletopSim
 from grs_agents.sim.world.collision_volumes import Volume
+from grs_agents.sim.world.colors import painted_color
 from grs_agents.sim.world.footprints import (
     Prism,
     collider_prisms_at_pose,
@@ -92,6 +93,10 @@ class PlanningScene:
     def object_name(self, number: int) -> str:
         """Asset name of an object."""
         return self._items[number].asset
+
+    def object_color(self, number: int) -> str:
+        """Colour name of an object that the program painted, else empty."""
+        return painted_color(self._items[number])
 
     def object_label(self, number: int) -> str:
         """Asset name and id, unique among objects of the same asset."""

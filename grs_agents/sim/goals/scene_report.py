@@ -10,6 +10,7 @@ from grs_agents.sim.goals.planning_scene import PlanningScene, cannot_topple
 from grs_agents.sim.goals.relation_rules import object_footprint_as_zone
 from grs_agents.sim.instance.episode import ObjectMotion
 from grs_agents.sim.instance.goal import Goal, Zone
+from grs_agents.sim.world.footprints import object_prism_at_pose
 
 _MOST_NAMED: Final = 8
 _MOVED: Final = 0.02
@@ -76,6 +77,7 @@ def measure_object_motions(scene: PlanningScene) -> tuple[ObjectMotion, ...]:
                 0.0 if cannot_topple(number, scene) else scene.object_tilt(number) - scene.object_tilt_at_start(number)
             )
             moved = math.dist(start[0], end[0]) > _MOVED or transforms.angle_between(start[1], end[1]) > _TURNED
+            x0, y0, x1, y1 = object_prism_at_pose(scene.object_model(number), start).bounding_box_xy
             motions.append(
                 ObjectMotion(
                     object=number,
@@ -84,6 +86,8 @@ def measure_object_motions(scene: PlanningScene) -> tuple[ObjectMotion, ...]:
                     end=_round_point(end[0]),
                     tilt=round(math.degrees(tilt), 1) + 0.0,
                     moved=moved,
+                    extent=(round(x1 - x0, 4), round(y1 - y0, 4)),
+                    color=scene.object_color(number),
                 )
             )
     return tuple(motions)

@@ -1,5 +1,6 @@
 """Records of an episode: a typed outcome, and a sentence on its cause with names and numbers."""
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
@@ -32,6 +33,8 @@ Outcome = Literal[
 
 _WELL: Final = ("placed", "pushed")
 """Notes of successful primitives."""
+_LOST: Final = re.compile(r"(?:tipped|slipped) off the cup(?!.* as it hit )")
+"""Notes of actions in which the cup lost an object by its weight alone."""
 
 
 class SimulationError(GrsError):
@@ -109,6 +112,8 @@ class ObjectMotion(Frozen):
     end: Vec3
     tilt: float  # degrees of tilt gained since the start, negative if it lost some; 0 for balls
     moved: bool  # it is more than 2 cm or 15 degrees away from its start
+    extent: tuple[float, float] = (0.0, 0.0)  # along x and y at its start, metres
+    color: str = ""  # nearest name in `utils.COLORS`, if the program painted it
 
 
 class Episode(Frozen):
@@ -127,6 +132,14 @@ class Episode(Frozen):
     goals: tuple[GoalOutcome, ...] = ()  # in the order in which the program states them
     motions: tuple[ObjectMotion, ...] = ()  # of every object
     warnings: tuple[str, ...] = ()  # parts of the program without effect, and corrections
+
+    @property
+    def arm_failure(self) -> tuple[str, str]:
+        """The asset that the cup cannot hold, by its weight or its surface, and how that shows; empty without one."""
+        if self.outcome in ("no_seal", "would_tip"):
+            return "".join(self.objects[:1]), self.detail
+        lost = [action for action in self.actions if _LOST.search(action.note)]
+        return (lost[-1].asset, lost[-1].note) if lost and self.outcome not in ("success", "stopped") else ("", "")
 
     @property
     def cause(self) -> str:

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 
 from grs_agents.sim.instance.episode import SimulationError
+from grs_agents.sim.instance.task_instance import InstanceObject
 
 
 def color_to_rgba(color: str | Sequence[float], what: str = "") -> tuple[float, float, float, float]:
@@ -22,6 +23,12 @@ def color_to_rgba(color: str | Sequence[float], what: str = "") -> tuple[float, 
     if len(values) not in (3, 4) or any(math.isnan(value) for value in values):
         raise SimulationError(f"{what}colour {color!r} is not (r, g, b)"[:300], "give three numbers in 0..1")
     return (values[0], values[1], values[2], values[3] if len(values) == 4 else 1.0)
+
+
+def painted_color(item: InstanceObject) -> str:
+    """The nearest name in ``COLORS`` of an object that the program painted; empty for any other object."""
+    rgb = item.color or tuple(float(value) for value in item.fill.get("COLOR", ()) if not isinstance(value, str))
+    return min(COLORS, key=lambda name: math.dist(COLORS[name], rgb[:3])) if len(rgb) >= 3 else ""
 
 
 COLORS: dict[str, list[float]] = {

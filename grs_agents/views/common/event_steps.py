@@ -191,7 +191,8 @@ def format_event_line(event: Event) -> str:
             text = event.text
         case _:
             text = summarise_event(event)
-    return f"{_MARKS.get(event.kind, '•')} {text.rstrip()}"
+    mark = "×" if isinstance(event, Finding) and not event.passed else _MARKS.get(event.kind, "•")
+    return f"{mark} {text.rstrip()}"
 
 
 def event_log_level(event: Event) -> Level:

@@ -1,3 +1,5 @@
+import re
+
 from grs_agents.sim import api_reference
 
 
@@ -17,3 +19,10 @@ def test_the_reference_is_short_and_names_what_programs_need() -> None:
         "task.goals_met(env)",
     ):
         assert word in text
+
+
+def test_the_reference_explains_itself_to_either_reader() -> None:
+    for text in (api_reference(), api_reference("tests")):
+        named = set(re.findall(r"`utils\.(\w+)\(", text))
+        assert {"apply", "invert", "multiply", "eulerXYZ_to_quatXYZW", "quatXYZW_to_eulerXYZ"} <= named
+        assert "compose_poses" not in text

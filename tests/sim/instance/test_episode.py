@@ -45,6 +45,20 @@ def test_what_was_met_once_and_is_off_its_place_at_the_end_is_said_with_its_dist
     assert task.goals_met(env) == [mug, corn]
 
 
+def test_a_motion_tells_the_paint_and_the_extent_at_the_start() -> None:
+    def scene(task, env) -> None:
+        zone = task.fill_template("zone/zone-template.urdf", {"DIM": (0.1, 0.2, 0.002), "COLOR": (0.9, 0.35, 0.3)})
+        env.add_object(zone, ((0.5, 0.3, 0.001), (0, 0, 0.7071, 0.7071)), "fixed")
+        block = env.add_object("block/block.urdf", at(0.5, -0.1, 0.02), color="blue")
+        env.add_object("block/block.urdf", at(0.5, -0.3, 0.02))
+        pose_goal(task, block, at(0.5, 0.3, 0.02))
+
+    episode, _ = run(scene)
+    assert [motion.color for motion in episode.motions] == ["red", "blue", ""]
+    assert episode.motions[0].extent == pytest.approx((0.2, 0.1), abs=0.002)
+    assert episode.motions[1].extent == pytest.approx((0.04, 0.04), abs=0.005)
+
+
 def env_assets(env: Environment) -> list[str]:
     return [item.asset for item in env.objects]
 

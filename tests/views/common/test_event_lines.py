@@ -29,3 +29,8 @@ def test_what_went_wrong_stands_out() -> None:
     assert event_log_level(RunEnded(status="rejected")) == "WARN"
     assert event_log_level(RunEnded(status="accepted")) == "INFO"
     assert event_log_level(Note(level="error", text="x")) == "ERROR"
+
+
+def test_only_a_check_that_holds_has_a_tick() -> None:
+    assert format_event_line(Finding(check="reward", passed=True, detail="1.00")) == "✓ reward: 1.00"
+    assert format_event_line(Finding(check="reward", passed=False, detail="0.50")).startswith("× ")
