@@ -5,13 +5,13 @@ Settings are those of ``docs/configuration.md``, nested as there: ``run("groceri
 """
 
 import asyncio
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from grs_agents.agents.types import TaskDefinition
 from grs_agents.base.config.load import load_config
@@ -30,6 +30,11 @@ from grs_agents.sim.instance.task_instance import TaskInstance
 from grs_agents.tasks.task_folder import open_task_folder
 from grs_agents.views.live_views import attach_live_views
 
+if TYPE_CHECKING:
+    from langchain_core.callbacks import BaseCallbackHandler
+
+Callbacks = Sequence["BaseCallbackHandler"]
+"""LangChain callback handlers."""
 _REMEDY = "name a folder that `grs run` wrote"
 
 
@@ -100,6 +105,7 @@ class Run:
         *,
         config: Path | str | None = None,
         progress: bool = False,
+        callbacks: Callbacks = (),
         **settings: Any,
     ) -> "Run":
         """Resume a run that was interrupted, or that waits for a person's reply.
@@ -108,6 +114,7 @@ class Run:
             reply: to the question of a waiting run.
             config: a TOML file.
             progress: show each step on standard error.
+            callbacks: as for `run`.
             **settings: of this machine, as for `run`: models, endpoints, files, limits. A run's folder cannot choose
                 them; seed, graph, tools, prompts and bounds of the scene stay those of the run.
 
@@ -116,7 +123,13 @@ class Run:
         """
         local = load_config(None if config is None else Path(config), overrides=settings)
         order = RunOrder(
-            self.record.command, find_recorded_scene(self.folder), local, self.folder, resume=True, reply=reply
+            self.record.command,
+            find_recorded_scene(self.folder),
+            local,
+            self.folder,
+            resume=True,
+            reply=reply,
+            callbacks=tuple(callbacks),
         )
         return _execute_run_or_raise(order, partial(attach_live_views, progress=progress))
 
@@ -129,6 +142,7 @@ def run(
     config: Path | str | None = None,
     progress: bool = False,
     view: bool = False,
+    callbacks: Callbacks = (),
     **settings: Any,
 ) -> Run:
     """Make a validated task from a photo with depth, as ``grs run`` does.
@@ -139,6 +153,7 @@ def run(
         config: a TOML file.
         progress: show each step on standard error.
         view: open the rerun viewer.
+        callbacks: LangChain callback handlers, of the graph and of each call of a model.
         **settings: of the configuration; they override the file and the environment. ``graph="scene"`` comprehends the
             photo alone, as ``grs scene`` does.
 
@@ -150,16 +165,21 @@ def run(
         GrsError: the run failed; its folder holds the stages reached.
         KeyboardInterrupt: it was interrupted; `Run.resume` continues it.
     """
-    return _execute_run_or_raise(
-        _build_order_from_config(scene, out, config, settings), partial(attach_live_views, view=view, progress=progress)
-    )
+    order = _build_order_from_config(scene, out, config, callbacks, settings)
+    return _execute_run_or_raise(order, partial(attach_live_views, view=view, progress=progress))
 
 
 async def arun(
-    scene: Path | str, /, *, out: Path | str | None = None, config: Path | str | None = None, **settings: Any
+    scene: Path | str,
+    /,
+    *,
+    out: Path | str | None = None,
+    config: Path | str | None = None,
+    callbacks: Callbacks = (),
+    **settings: Any,
 ) -> Run:
     """`run` in a thread; cancelling it interrupts the run before its next event."""
-    started = stream(scene, out=out, config=config, **settings)
+    started = stream(scene, out=out, config=config, callbacks=callbacks, **settings)
     try:
         return await asyncio.to_thread(started.wait)
     except asyncio.CancelledError:
@@ -168,10 +188,16 @@ async def arun(
 
 
 def stream(
-    scene: Path | str, /, *, out: Path | str | None = None, config: Path | str | None = None, **settings: Any
+    scene: Path | str,
+    /,
+    *,
+    out: Path | str | None = None,
+    config: Path | str | None = None,
+    callbacks: Callbacks = (),
+    **settings: Any,
 ) -> "RunStream":
     """Start a run and follow its events: ``for event in stream("groceries"): ...``. Arguments as for `run`."""
-    return RunStream(_build_order_from_config(scene, out, config, settings))
+    return RunStream(_build_order_from_config(scene, out, config, callbacks, settings))
 
 
 def check(
@@ -257,11 +283,16 @@ class RunStream(Iterator[Event]):
 
 
 def _build_order_from_config(
-    scene: Path | str, out: Path | str | None, config: Path | str | None, settings: dict[str, Any]
+    scene: Path | str,
+    out: Path | str | None,
+    config: Path | str | None,
+    callbacks: Callbacks,
+    settings: dict[str, Any],
 ) -> RunOrder:
     chosen = load_config(None if config is None else Path(config), overrides=settings)
     command = "run" if getattr(load_graph(chosen.config.graph), "VERDICT", True) else "scene"
-    return RunOrder(command, resolve_scene_path(Path(scene)), chosen, None if out is None else Path(out))
+    place = None if out is None else Path(out)
+    return RunOrder(command, resolve_scene_path(Path(scene)), chosen, place, callbacks=tuple(callbacks))
 
 
 def _execute_run_or_raise(order: RunOrder, views: Views) -> Run:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from langchain_core.callbacks import BaseCallbackHandler
 
 import grs_agents
 from grs_agents import Run
@@ -102,6 +103,37 @@ def test_a_cancelled_run_is_interrupted(small_scene: Path, tmp_path: Path) -> No
 def test_an_error_of_a_run_is_raised(tmp_path: Path) -> None:
     with pytest.raises(GrsError):
         grs_agents.run("groceries", out=tmp_path / "run", models={"default": "offline:no_such_model"})
+
+
+class CallCounter(BaseCallbackHandler):
+    """Counts the calls of models and the chains begun.
+
+    Attributes:
+        models, chains: so many.
+    """
+
+    def __init__(self) -> None:
+        self.models = self.chains = 0
+
+    def on_chat_model_start(self, *_: Any, **__: Any) -> None:
+        """A call of a model begins."""
+        self.models += 1
+
+    def on_chain_start(self, *_: Any, **__: Any) -> None:
+        """The graph, or a node of it, begins."""
+        self.chains += 1
+
+
+@pytest.mark.parametrize("model", ["offline", ["offline", "offline"]], ids=["one", "fallback"])
+def test_callbacks_see_the_graph_and_each_call_of_a_model_once(
+    known_scene: Path, tmp_path: Path, model: str | list[str]
+) -> None:
+    counter = CallCounter()
+    run = grs_agents.run(
+        str(known_scene), out=tmp_path / "run", callbacks=[counter], models={"default": model}, audit={"seeds": 1}
+    )
+    assert counter.models == sum(event.kind == "reply" for event in run.events) > 2
+    assert counter.chains > sum(event.kind == "node_started" for event in run.events)
 
 
 def test_everything_exported_is_documented_and_typed() -> None:

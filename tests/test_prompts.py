@@ -59,6 +59,16 @@ def test_inserted_headings_and_fences_do_not_break_the_sections(role: str) -> No
     assert prompt.section_body("reply") == plain.section_body("reply")
 
 
+@pytest.mark.parametrize("role", ROLES)
+def test_what_changes_least_between_the_prompts_of_a_run_comes_first(role: str) -> None:
+    still = ("task", "words", "other_texts", "scene", "fixtures", "assets", "objects", "goals")
+    moving = ("test_results", "history", "explanation", "verdicts")
+    order = [name for name in re.findall(r"\{\{([a-z_]+)\}\}", template(role).user) if name in still + moving]
+    ranks = [name in moving for name in order]
+    assert ranks == sorted(ranks)
+    assert re.search(r"\{\{(code|tests)\}\}.*\{\{(task|scene)\}\}", template(role).user, re.DOTALL) is None
+
+
 def test_the_router_prompt_spells_the_verdicts_as_the_paper_does() -> None:
     assert "`fix_code`" in template("route").system
     assert "`fix_test`" in template("route").system

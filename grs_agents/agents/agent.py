@@ -22,16 +22,17 @@ from grs_agents.agents.recorded import (
     read_cassette,
 )
 from grs_agents.agents.reply import ReplyError
+from grs_agents.agents.reply_schema import reply_schema
 from grs_agents.agents.types import NoReply
 from grs_agents.base import content
 from grs_agents.base.config.schema import Config, ModelConfig
 from grs_agents.base.foreign.pictures import read_picture
 from grs_agents.base.foreign.run_folder import resolve_member_file
-from grs_agents.base.trace.events import Note, Prompt, Reply
+from grs_agents.base.trace.events import MOST_COST, CostSource, Note, Prompt, Reply
 from grs_agents.base.trace.log import EventLog, read_events
 from grs_agents.models.answer import Answer, ReplyProblem
-from grs_agents.models.call import invoke_with_retries
-from grs_agents.models.factory import is_offline, make_chat_model, make_retries
+from grs_agents.models.call import SchemaSupport, invoke_with_retries
+from grs_agents.models.factory import is_offline, make_chat_model, make_retries, takes_pictures, takes_schema
 
 if TYPE_CHECKING:  # LangChain takes long to import, and a check of programs may need no model
     from langchain_core.language_models.chat_models import BaseChatModel
@@ -52,8 +53,16 @@ class Agents:
     # paid replies from before the interruption of the run
     earlier: RecordedReplies = field(default_factory=RecordedReplies)
     cassette: RecordedReplies | None = None  # a recorded run's replies, used instead of the models
+    # roles that were shown pictures, in a run that is replayed without its models; None otherwise
+    pictured: frozenset[str] | None = None
     _models: dict[str, "BaseChatModel"] = field(default_factory=dict[str, "BaseChatModel"])
+    _supports: dict[str, SchemaSupport] = field(default_factory=dict[str, SchemaSupport])  # by model too
     _lock: Lock = field(default_factory=Lock)
+
+    def __post_init__(self) -> None:
+        if self.pictured is None and self.config.cassette and not self.config.record:
+            exchanges = read_cassette(self.config.cassette).exchanges
+            self.pictured = frozenset(exchange.role for exchange in exchanges if exchange.pictures)
 
     @classmethod
     def resume_from_log(cls, config: Config, log: EventLog, folder: Path) -> "Agents":
@@ -71,6 +80,17 @@ class Agents:
                 self._models[key] = make_chat_model(spec, self.config.seed)
             return self._models[key]
 
+    def sees_pictures(self, role: str) -> bool:
+        """True if pictures are worth drawing for ``role``: its model takes them, and is not the embedded one."""
+        return not is_offline(self.config.model_for_role(role).model) and self.takes_pictures(role)
+
+    def takes_pictures(self, role: str) -> bool:
+        """True if pictures are sent to the model of ``role``; in a replayed run, if they were."""
+        spec = self.config.model_for_role(role)
+        if self.pictured is not None and not is_offline(spec.model):
+            return role in self.pictured
+        return takes_pictures(spec, self.chat_model_for_role(role))
+
     def ask_role(
         self,
         role: str,
@@ -85,13 +105,15 @@ class Agents:
             role: an agent role.
             values: the prompt's variables.
             parse: raises ``ReplyError`` on a reply of the wrong form.
-            images: picture files relative to the run folder, sent after the text in this order.
+            images: picture files relative to the run folder, sent after the text in this order; none are sent to a
+                model that takes none.
             prompt_of: the role whose prompt is used, if not ``role``'s.
         """
         from langchain_core.messages import AIMessage, HumanMessage
 
         prompt_role = prompt_of or role
         file = content.content_path("prompts", getattr(self.config.prompts, prompt_role))
+        images = images if images and self.takes_pictures(role) else ()
         blocks = [image_block_from_file(resolve_member_file(self.folder, image)) for image in images]
         messages = render_prompt_template(file, prompt_role, values).to_messages(blocks)
         problem = ""
@@ -138,15 +160,24 @@ class Agents:
             shown = () if answered else pictures
             self.log.append(Prompt(call=call, role=role, model=spec.model, text=text, images=shown, digest=digest))
             if recorded is None:
-                reply = self._request_reply(
-                    role,
-                    spec,
-                    call,
-                    ask or (lambda: invoke_with_retries(self.chat_model_for_role(role), messages, make_retries(spec))),
-                )
+                reply = self._request_reply(role, spec, call, ask or (lambda: self._invoke_model(role, spec, messages)))
             else:
                 reply = self._append_reply(recorded.model_copy(update={"call": call}))
         return (None, reply.error) if reply.error else (reply.text, "")
+
+    def _invoke_model(self, role: str, spec: ModelConfig, messages: Sequence["BaseMessage"]) -> Answer:
+        model, retries = self.chat_model_for_role(role), make_retries(spec)
+        schema = reply_schema(role) if takes_schema(spec) else None
+        if schema is None:
+            return invoke_with_retries(model, messages, retries)
+        with self._lock:
+            support = self._supports.setdefault(spec.model_dump_json(), SchemaSupport())
+        before = support.refusal
+        answer = invoke_with_retries(model, messages, retries, schema, support)
+        if support.refusal != before:
+            text = f"{spec.model} is asked for text from now on, since it takes no schema of a reply: {support.refusal}"
+            self.log.append(Note(level="info", text=text))
+        return answer
 
     def _request_reply(self, role: str, spec: ModelConfig, call: str, ask: Callable[[], Answer]) -> Reply:
         """Ask the model; its answer, usable or not, or its error is appended to the log."""
@@ -162,16 +193,19 @@ class Agents:
             error, answered = f"{type(problem).__name__}: {problem}", False
             raise
         finally:
+            model = answer.model or spec.model
+            cost, source = self._cost_of(model, answer)
             reply = self._append_reply(
                 Reply(
                     call=call,
                     role=role,
-                    model=answer.model or spec.model,
+                    model=model,
                     text=answer.text,
                     input_tokens=answer.input_tokens,
                     output_tokens=answer.output_tokens,
                     cached_tokens=answer.cached_tokens,
-                    cost=answer.cost,
+                    cost=cost,
+                    cost_source=source,
                     seconds=time.perf_counter() - begin,
                     finish_reason=answer.finish_reason,
                     error=error,
@@ -180,10 +214,25 @@ class Agents:
             )
         return reply
 
+    def _cost_of(self, model: str, answer: Answer) -> tuple[float | None, CostSource]:
+        """The cost of an answer of ``model`` in US dollars, as its provider tells or by the configured prices."""
+        if answer.cost is not None:
+            return answer.cost, "provider"
+        price = self.config.price_of(model)
+        if price is None or not answer.input_tokens + answer.output_tokens:
+            return None, "unknown"
+        cached = min(answer.cached_tokens, answer.input_tokens)
+        rate = price.input if price.cached is None else price.cached
+        cost = (answer.input_tokens - cached) * price.input + cached * rate + answer.output_tokens * price.output
+        return min(cost / 1e6, MOST_COST), "prices"
+
     def _append_reply(self, reply: Reply) -> Reply:
         self.log.append(reply)
         if self.config.budget.cost is not None and reply.cost is None and not is_offline(reply.model):
-            text = f"{reply.model} tells no cost: budget.cost counts {reply.call} as nothing; budget.tokens holds"
+            text = (
+                f"{reply.model} tells no cost, and prices has none for it: budget.cost counts {reply.call} as nothing; "
+                "budget.tokens holds"
+            )
             self.log.append(Note(level="warning", text=text))
         return reply
 

@@ -190,8 +190,14 @@ def extract_test_program(text: str) -> str:
 
 
 def parse_verdict(text: str) -> RouterReply:
-    """Parse the verdict in the last block that holds a verdict (paper, Listing 3). Raises ReplyError: there is none."""
+    """Parse the verdict in the last block that holds a verdict (paper, Listing 3), or a reply that is a JSON object.
+
+    Raises:
+        ReplyError: there is none.
+    """
     text = _cut_to_answer(text)
+    if text.lstrip().startswith("{"):
+        return parse_json(text, RouterReply)
     blocks = list(_find_fenced_blocks(text))
     verdicts = [word for block in blocks if (word := block.body.strip().strip("\"'`").lower()) in _VERDICTS]
     if not verdicts:

@@ -295,7 +295,7 @@ def judge_words(
     values = {
         "words": words,
         "other_texts": "\n".join(other_texts),
-        "objects": to_json_lines(objects),
+        "objects": to_json_lines(sorted(objects, key=lambda item: not item.get("bystander"))),  # equal in each call
         "goals": "\n".join(goals) or "(there is no goal)",
     }
     return agents.ask_role("judge", values, lambda text: parse_json(text, WordsJudgement), images)

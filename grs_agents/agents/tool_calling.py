@@ -10,7 +10,6 @@ from typing import Any, TypeVar, cast
 
 from langchain_core.callbacks import CallbackManagerForLLMRun
 from langchain_core.language_models import LanguageModelInput
-from langchain_core.language_models.chat_models import BaseChatModel
 from langchain_core.messages import AIMessage, BaseMessage, HumanMessage
 from langchain_core.messages import ToolCall as CalledTool
 from langchain_core.outputs import ChatGeneration, ChatResult
@@ -31,6 +30,7 @@ from grs_agents.base.trace.events import ToolCall
 from grs_agents.models.answer import Answer, require_complete_answer
 from grs_agents.models.call import request_message
 from grs_agents.models.factory import make_retries
+from grs_agents.models.fallbacks import DelegatingChatModel
 from grs_agents.models.key_redaction import redact_keys
 
 Parsed = TypeVar("Parsed")
@@ -67,6 +67,7 @@ def ask_with_tools(
         "in your reply in the form asked for. A program that you only checked is not handed in: reply with it."
     )
     prompt = render_prompt_template(file, role, values)
+    images = images if images and agents.takes_pictures(role) else ()
     blocks = [image_block_from_file(resolve_member_file(agents.folder, image)) for image in images]
     messages = replace(prompt, system=f"{prompt.system}\n\n{tools}").to_messages(blocks)
     model = LoggedToolModel(agents=agents, role=role, pictures=tuple(images), graph=calling.graph)
@@ -89,7 +90,7 @@ def ask_with_tools(
     return NoReply(role=role, tries=tries, problem=problem)
 
 
-class LoggedToolModel(BaseChatModel):
+class LoggedToolModel(DelegatingChatModel):
     """The chat model of a role, with tools; its exchanges go through ``agents``."""
 
     agents: Any  # an `Agents`

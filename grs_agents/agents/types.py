@@ -135,8 +135,11 @@ class Description(ModelReply):
     part_of: Annotated[int | None, BeforeValidator(_read_segment_name)] = None
     # open at the top, so that objects can be put into it; None if unknown
     open_top: Annotated[bool | None, BeforeValidator(_read_unknown_word)] = None
-    # ``several`` for a segment of several objects; a name for what a segment without an object shows, if it is given
-    shows: Annotated[str, BeforeValidator(_shorten)] = ""
+    shows: Annotated[
+        str,
+        BeforeValidator(_shorten),
+        Field(description="`several` for a segment of several objects, a name for what shows no object, else empty"),
+    ] = ""
     # of the several objects, in the photo that the describer saw
     boxes: Annotated[tuple[PictureBox, ...], BeforeValidator(_read_null_list), Field(max_length=30)] = ()
 
@@ -174,6 +177,12 @@ class SegmentReply(Description):
         if str(table.get("is_object")).lower() not in ("false", "no", "0"):
             return table
         return _fill_empty(table, {"description": "no object", "color": "", "shape": "", "category": ""})
+
+
+class SegmentReplies(ModelReply):
+    """A reply about several segments under a single key, as a JSON schema needs it."""
+
+    segments: tuple[SegmentReply, ...]
 
 
 _MOST = 100
@@ -304,11 +313,15 @@ class TaskRevision(TaskDefinition):
         return TaskDefinition.model_validate(self.as_json())
 
 
-class RouterReply(Frozen):
-    """The router's explanation and verdict."""
+def _read_verdict(value: Any) -> Any:
+    return "fix_test" if value == "fix_tests" else value
 
-    verdict: Verdict
+
+class RouterReply(ModelReply):
+    """The router's explanation and verdict, in the order in which a model decides."""
+
     explanation: str
+    verdict: Annotated[Verdict, BeforeValidator(_read_verdict)]
 
 
 class WordsJudgement(ModelReply):

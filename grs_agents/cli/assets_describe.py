@@ -17,7 +17,7 @@ from grs_agents.cli.assets_import import select_assets, user_library_root
 from grs_agents.library.asset import read_manifest
 from grs_agents.library.importing.journal import update_manifest_entries
 from grs_agents.library.library import Library
-from grs_agents.models.factory import make_chat_model
+from grs_agents.models.factory import make_chat_model, takes_pictures
 
 ROLE = "describe"
 
@@ -35,6 +35,9 @@ def describe_library(
         raise InputError("none of these assets is your own; those that GRS ships have their descriptions", remedy)
     spec = config.model_for_role(ROLE)
     model = make_chat_model(spec, config.seed)
+    if not takes_pictures(spec, model):
+        remedy = f"name another with models.{ROLE}, or set models.{ROLE}.pictures=true if it does"
+        raise ConfigError(f"model {spec.model!r} takes no pictures, which assets are described by", remedy)
     todo = select_assets_to_describe(root, assets, spec.model, again)
     count = f"{len(todo.todo)} of {len(assets)} assets to describe with {spec.model}"
     if spec.model == "offline":

@@ -29,7 +29,6 @@ from grs_agents.base.trace.events import Note
 from grs_agents.graph.bystanders import program_tool_settings
 from grs_agents.graph.services import Services
 from grs_agents.graph.task_instances import AuditedPrograms, SolvedInstances, solve_task_instances
-from grs_agents.models.factory import is_offline
 from grs_agents.sim.instance.task_instance import TaskInstance
 from grs_agents.sim.rollouts import Rollout
 
@@ -141,7 +140,7 @@ def _judge_words_against_goals(
             continue
         kinds.add(facts.kind)
         pictures: list[str] = []
-        if services.config.end_picture and not is_offline(judge):
+        if services.config.end_picture and services.agents.sees_pictures("judge"):
             for moment, poses in (("start", rollout.initial), ("end", rollout.final)):
                 path = f"instances/seed_{instance.seed}_{moment}.png"
                 drawn = services.render_instance(instance, services.folder / path, poses=poses, textured=True)

@@ -25,7 +25,6 @@ from grs_agents.graph.scene_prompt import fixture_assets_for_prompt, scene_for_p
 from grs_agents.graph.services import Services, Update, logged_node
 from grs_agents.graph.state import Draft, ProgramName, Revision, RunState
 from grs_agents.graph.task_instances import AuditedPrograms
-from grs_agents.models.factory import is_offline
 from grs_agents.sim import api_reference
 from grs_agents.sim.instance.task_instance import TaskInstance
 
@@ -117,7 +116,8 @@ def write_simulation(
     nearest = examples.select_nearest_examples(programs, task, EXAMPLES, services.config.seed)
     shown = "\n\n\n".join(example.source for example in nearest)
     images = images_from_state(state)
-    return roles.author_simulation(services.agents, task, scene, api_reference(), shown, images, role, calling)
+    api = api_reference("program", f"{task.name}\n{task.description}\n{shown}")
+    return roles.author_simulation(services.agents, task, scene, api, shown, images, role, calling)
 
 
 @logged_node("generate_tests")
@@ -220,8 +220,9 @@ class AuthorTools:
             "describe_asset": self.describe_asset,
             "measure": self.measure,
         }
-        model = self.services.config.model_for_role("simulation").model
-        sees = images_from_state(self.state) and self.services.config.end_picture and not is_offline(model)
+        services = self.services
+        pictured = images_from_state(self.state) and services.config.end_picture
+        sees = pictured and services.agents.sees_pictures("simulation")
         return {**tools, "render": self.render} if sees else tools
 
     def check(self, program: Annotated[str, "The whole draft: Python source with one subclass of Task."]) -> str:

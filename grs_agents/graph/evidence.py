@@ -19,7 +19,6 @@ from grs_agents.graph.policies.types import read_episode
 from grs_agents.graph.services import Services
 from grs_agents.graph.state import RunState
 from grs_agents.graph.task_instances import instantiate_program_for_seeds, play_unrecorded
-from grs_agents.models.factory import is_offline
 from grs_agents.sandbox.protocol.report import OUTCOME_MEANINGS, TestReport
 from grs_agents.sandbox.protocol.tracebacks import SIMULATION_FILE, TESTS_FILE
 from grs_agents.sim.arms.arm_files import resolve_robot_path
@@ -173,11 +172,7 @@ def draw_end_of_episode(state: RunState, services: Services, role: str) -> list[
         The path in the run folder; nothing where the model of ``role`` sees no pictures, or none can be drawn.
     """
     config = services.config
-    if (
-        not (config.end_picture and state.get("image"))
-        or role == "fix_tests"
-        or is_offline(config.model_for_role(role).model)
-    ):
+    if role == "fix_tests" or not (config.end_picture and state.get("image") and services.agents.sees_pictures(role)):
         return []
     path = f"history/end_{state.get('fixes', 0):03d}.png"
     output = services.folder / path

@@ -46,9 +46,9 @@ def fix_code(state: RunState, services: Services) -> Update:
     if strategy == "rewrite":
         source = write_simulation(state, services)
     else:
-        source = roles.fix_code(
-            services.agents, collect_evidence_for_fixer(state, services, "fix_code"), api_reference()
-        )
+        judged = collect_evidence_for_fixer(state, services, "fix_code")
+        api = api_reference("program", f"{judged.task.name}\n{judged.task.description}\n{judged.code}")
+        source = roles.fix_code(services.agents, judged, api)
     return _record_fix_and_save_program(state, services, "simulation", strategy, source)
 
 

@@ -5,14 +5,12 @@ from typing import Any, Literal
 import numpy as np
 
 from grs_agents.agents import roles
-from grs_agents.agents.recorded import read_cassette
 from grs_agents.agents.types import NoReply
 from grs_agents.base.trace.events import SceneStage
 from grs_agents.graph.perceive import build_background_asset
 from grs_agents.graph.recognition import list_adjoining
 from grs_agents.graph.services import Services, Update, logged_node
 from grs_agents.graph.state import RunState, TableObject, parse_state
-from grs_agents.models.factory import is_offline
 from grs_agents.perception.annotated_pictures import MARKS, write_marks
 from grs_agents.perception.image_geometry import mask_bounding_slices
 from grs_agents.perception.picture_files import load_candidates, load_mask, save_candidates, write_png
@@ -27,15 +25,9 @@ def next_step_after_segment(state: RunState, *, runtime: Any) -> Literal["group"
 
 
 def _is_model_asked(state: RunState, services: Services) -> bool:
-    config = services.config
-    if config.scene.group == "off" or is_offline(config.model_for_role("group").model):
-        return False
-    if all(item.given for item in state["objects"]):  # masks of the user overrule a model
-        return False
-    if config.cassette and not config.record:  # recorded without this question, perhaps
-        return any(exchange.role == "group" for exchange in read_cassette(config.cassette).exchanges)
-    profile: dict[str, Any] = getattr(services.agents.chat_model_for_role("group"), "profile", None) or {}
-    return profile.get("image_inputs") is not False
+    if services.config.scene.group == "off" or all(item.given for item in state["objects"]):
+        return False  # masks of the user overrule a model
+    return services.agents.sees_pictures("group")
 
 
 @logged_node("group")

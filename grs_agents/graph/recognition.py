@@ -40,6 +40,7 @@ ONE_SEGMENT = """\
 MANY_SEGMENTS = """\
 1. Each segment with its number, cut out; what is around it is dimmed and is no part of it.
 2. The whole photo; the segments are outlined in white and numbered. Its edges have a ruler in pixels."""
+NO_PICTURES = "There is none: go by the measurements, and say no more than they do."
 
 
 @dataclass(frozen=True)
@@ -95,6 +96,7 @@ def make_describer_question(asked: Sequence[CandidateRecord], records: Sequence[
 def ask_describer(agents: Agents, question: DescriberQuestion) -> dict[int, Description] | NoReply:
     """The description of each segment in question, by number."""
     pictures = ONE_SEGMENT if len(question["rows"]) == 1 else MANY_SEGMENTS
+    pictures = pictures if question["images"] else NO_PICTURES
     return roles.describe_segments(agents, question["rows"], question["numbers"], pictures, question["images"])
 
 
@@ -112,7 +114,8 @@ def describe_segments(
     Without a usable reply a description holds the measured outline alone.
     """
     spec, agents = services.config.model_for_role("describe"), services.agents
-    sees = not is_offline(spec.model)  # the embedded model reads the measurements alone, and gains nothing by threads
+    sees = agents.sees_pictures("describe")
+    threads = 1 if is_offline(spec.model) else spec.concurrency  # the embedded model gains nothing by threads
     in_one_sheet = services.config.match.describe == "sheet"
 
     def ask(question: DescriberQuestion) -> dict[int, Description] | NoReply:
@@ -126,7 +129,7 @@ def describe_segments(
     dropped: list[DroppedCandidate] = []
     notes: list[str] = []
     present, asked = list(records), list(records)
-    with ContextThreadPoolExecutor(spec.concurrency if sees else 1) as pool:
+    with ContextThreadPoolExecutor(threads) as pool:
         while asked:
             if sees:
                 scale = write_outlines(photo[0], asked, present, services.folder)

@@ -145,6 +145,29 @@ def answer_from_message(message: "AIMessage", body: bytes = b"") -> Answer:
     )
 
 
+def answer_from_completion(body: bytes) -> Answer:
+    """Read the body of a chat completion in OpenAI's protocol, for replies that its client gives no message of."""
+    from langchain_core.messages import AIMessage
+    from langchain_core.messages.ai import UsageMetadata
+
+    completion = _parse_json_object(body)
+    choices = completion.get("choices")
+    first = cast("list[Any]", choices)[0] if isinstance(choices, list) and choices else None
+    choice = cast("Json", first) if isinstance(first, dict) else {}
+    sent, usage = choice.get("message"), completion.get("usage")
+    text = cast("Json", sent).get("content") if isinstance(sent, dict) else ""
+    counts = cast("Json", usage) if isinstance(usage, dict) else {}
+    read, wrote = (
+        count if isinstance(count := counts.get(name), int) else 0 for name in ("prompt_tokens", "completion_tokens")
+    )
+    message = AIMessage(
+        text if isinstance(text, str) else "",
+        usage_metadata=UsageMetadata(input_tokens=read, output_tokens=wrote, total_tokens=read + wrote),
+        response_metadata={"finish_reason": choice.get("finish_reason") or "", "token_usage": usage},
+    )
+    return answer_from_message(message)
+
+
 def require_complete_answer(answer: Answer) -> Answer:
     """Return ``answer``. Raises ReplyProblem: it is incomplete."""
     reason = answer.finish_reason.rpartition(".")[2].lower().replace("-", "_")  # also FinishReason.MAX_TOKENS

@@ -1,6 +1,7 @@
 """A call of a chat model with a total deadline, bounded retries, a bounded reply, and a common error type for
 providers."""
 
+import json
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, wait
@@ -10,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from email.utils import parsedate_to_datetime
 from functools import partial
+from inspect import signature
 from threading import Thread
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 from urllib.parse import urljoin, urlsplit
@@ -21,6 +23,7 @@ from grs_agents.models.answer import (
     FailureKind,
     ProviderFailure,
     ReplyProblem,
+    answer_from_completion,
     answer_from_message,
     require_complete_answer,
 )
@@ -73,6 +76,11 @@ _NO_CONNECTION = frozenset(
 _TRANSPORT = ("Timeout", "Connect", "Connection", "Protocol", "ReadError", "WriteError", "Transport")
 _MALFORMED = (ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionError)
 """Errors that clients raise over an answer that breaks the provider's protocol."""
+_INCOMPLETE = frozenset({"LengthFinishReasonError", "ContentFilterFinishReasonError"})
+"""Errors that OpenAI's client raises over an incomplete reply, if a schema was sent."""
+_MAY_REFUSE_SCHEMA = ("refused_request", "not_found", "server_error", "client_error")
+"""Failures of requests with a JSON schema by servers without structured output: 400 and 422 of most; 404 of routers
+without a server for it; 501."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +92,13 @@ class Retries:
     deadline: float | None = 300.0
     first: float = 1.0  # seconds before the second try, doubled each time, unless the provider asks for a wait
     sleep: Callable[[float], None] = time.sleep  # waits for a number of seconds
+
+
+@dataclass
+class SchemaSupport:
+    """Support of a model for replies by a JSON schema; assumed until the model refuses one."""
+
+    refusal: str = ""  # empty while the schema is sent
 
 
 @dataclass
@@ -104,23 +119,90 @@ _first_server: ContextVar[str] = ContextVar("first_server", default="")
 
 
 def invoke_with_retries(
-    model: "BaseChatModel", messages: Sequence["BaseMessage"], retries: Retries | None = None
+    model: "BaseChatModel",
+    messages: Sequence["BaseMessage"],
+    retries: Retries | None = None,
+    schema: Mapping[str, Any] | None = None,
+    support: SchemaSupport | None = None,
 ) -> Answer:
     """Ask ``model`` for a usable reply, returned without the keys that this process knows.
 
     The model's own retries are switched off.
 
+    Args:
+        schema: JSON schema of the reply, for models with structured output; the others reply as the prompt says.
+        support: remembers a refused schema between calls.
+
     Raises:
         ReplyProblem: the reply is empty, refused, cut off or no text.
         ProviderFailure: no reply arrived in so many tries or seconds, or the provider refuses the request for good.
     """
-    return require_complete_answer(request_message(model, messages, retries or Retries())[1])
+    limits = retries or Retries()
+    if schema is None:
+        return require_complete_answer(request_message(model, messages, limits)[1])
+    return require_complete_answer(
+        request_structured_message(model, messages, limits, schema, support or SchemaSupport())[1]
+    )
+
+
+def request_structured_message(
+    model: "BaseChatModel",
+    messages: Sequence["BaseMessage"],
+    retries: Retries,
+    schema: Mapping[str, Any],
+    support: SchemaSupport,
+) -> tuple["AIMessage", Answer]:
+    """Ask ``model`` by its provider's structured output; without it as ``request_message`` does.
+
+    A refused schema costs no reply: the request is repeated without it, and ``support`` keeps the refusal if that
+    succeeds.
+
+    Returns:
+        The message, whose content is the JSON text, and its content, complete or not.
+    """
+    if support.refusal:
+        return request_message(model, messages, retries)
+    strict = {"strict": True} if "strict" in signature(model.with_structured_output).parameters else {}
+    try:
+        structured = model.with_structured_output(dict(schema), include_raw=True, **strict) | _raw_message_as_json
+    except (NotImplementedError, ValueError, TypeError, ImportError):  # the first of LangChain's base class
+        return request_message(model, messages, retries)
+    try:
+        return request_message(structured, messages, retries, _may_stream(model))
+    except ProviderFailure as failure:
+        if failure.retryable or failure.kind not in _MAY_REFUSE_SCHEMA:
+            raise
+        reply = request_message(model, messages, retries)  # raises if the schema was not the cause
+        support.refusal = failure.message
+        return reply
+
+
+def _raw_message_as_json(output: Any) -> "AIMessage":
+    """The message in the output of ``with_structured_output``; the arguments of a tool call become its content."""
+    message: AIMessage = output["raw"]
+    if not message.tool_calls and not message.invalid_tool_calls:
+        return message
+    calls = [json.dumps(call["args"], ensure_ascii=False) for call in message.tool_calls]
+    calls += [call["args"] or "" for call in message.invalid_tool_calls]
+    return message.model_copy(update={"content": calls[0], "tool_calls": [], "invalid_tool_calls": []})
+
+
+def _may_stream(model: "BaseChatModel") -> bool:
+    from langchain_core.language_models.chat_models import BaseChatModel
+
+    return any(getattr(type(model), name) is not getattr(BaseChatModel, name) for name in ("_stream", "_astream"))
 
 
 def request_message(
-    model: "Runnable[Any, AIMessage]", messages: Sequence["BaseMessage"], retries: Retries
+    model: "Runnable[Any, AIMessage]",
+    messages: Sequence["BaseMessage"],
+    retries: Retries,
+    may_stream: bool | None = None,
 ) -> tuple["AIMessage", Answer]:
     """Ask ``model`` until a message arrives. Raises as ``invoke_with_retries`` does.
+
+    Args:
+        may_stream: the reply may be streamed, so that its end can get lost; told from the class of ``model`` if None.
 
     Returns:
         The message, and its content, complete or not.
@@ -136,9 +218,8 @@ def request_message(
                 from langchain_core.language_models.chat_models import BaseChatModel
 
                 bound = getattr(model, "bound", model)
-                may_stream = not isinstance(bound, BaseChatModel) or any(
-                    getattr(type(bound), name) is not getattr(BaseChatModel, name) for name in ("_stream", "_astream")
-                )
+                if may_stream is None:
+                    may_stream = not isinstance(bound, BaseChatModel) or _may_stream(bound)
                 if not may_stream:  # the last part of a streamed reply can get lost; a whole reply has ended
                     answer = replace(answer, finish_reason="stop")
             return message, answer
@@ -214,6 +295,11 @@ def classify_provider_error(error: Exception, call: ModelHttpCall, tries: int) -
         call: the HTTP traffic of that call.
         tries: number of calls made, including this call.
     """
+    if type(error).__name__ in _INCOMPLETE:
+        try:
+            require_complete_answer(answer_from_completion(bytes(call.body)))
+        except ReplyProblem as problem:
+            return problem
     server = f"the model's server {call.server}".rstrip()
     after = f" in {tries} tries" if tries > 1 else ""
     status = _http_status_code(error, call)

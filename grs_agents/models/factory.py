@@ -267,12 +267,42 @@ def make_chat_model(config: ModelConfig, seed: int) -> "BaseChatModel":
     """
     choices = (config, *config.fallbacks)
     models = tuple(_make_single_model(choice, seed) for choice in choices)
+    for choice, model in zip(choices, models, strict=True):
+        if choice.requests_per_second is not None:
+            from langchain_core.rate_limiters import InMemoryRateLimiter
+
+            model.rate_limiter = InMemoryRateLimiter(
+                requests_per_second=choice.requests_per_second, max_bucket_size=choice.burst
+            )
     if len(models) == 1:
         return models[0]
     from grs_agents.models.fallbacks import FallbackChatModel
 
-    names = tuple(choice.model for choice in choices)
-    return FallbackChatModel(names=names, models=models, retries=tuple(make_retries(choice) for choice in choices))
+    return FallbackChatModel(
+        names=tuple(choice.model for choice in choices),
+        models=models,
+        retries=tuple(make_retries(choice) for choice in choices),
+        pictures=tuple(takes_pictures(choice, model) for choice, model in zip(choices, models, strict=True)),
+        structured=tuple(map(takes_schema, choices)),
+    )
+
+
+def takes_pictures(choice: ModelChoice, model: "BaseChatModel") -> bool:
+    """True if pictures are sent to ``model``, made of ``choice``.
+
+    By default they are, unless the profile that LangChain ships of it says that it reads none; of several models the
+    first decides.
+    """
+    if choice.pictures != "auto":
+        return choice.pictures
+    first: Any = getattr(model, "models", (model,))[0]
+    profile: Mapping[str, Any] = getattr(first, "profile", None) or {}
+    return profile.get("image_inputs") is not False
+
+
+def takes_schema(choice: ModelChoice) -> bool:
+    """True if the model may be sent a JSON schema of its reply."""
+    return choice.structured == "auto" and not is_offline(choice.model)
 
 
 def make_retries(choice: ModelChoice) -> Retries:

@@ -214,6 +214,8 @@ def _invoke_graph(
             )
         )
         settings: dict[str, Any] = {"recursion_limit": config.recursion_limit or 25 + 4 * config.max_fixes}
+        if order.callbacks:
+            settings["callbacks"] = list(order.callbacks)
         initial: State = {"scene_path": str(order.source), "max_fixes": config.max_fixes, "fixes": 0, "history": []}
         initial = {**parse_state(order.given), **initial}
         try:

@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from grs_agents.agents.recorded import read_cassette
 from grs_agents.base import content
@@ -28,6 +28,9 @@ from grs_agents.runs.checkpoint import FILE as CHECKPOINT
 from grs_agents.runs.graph_loading import compile_graph, load_graph
 from grs_agents.runs.record import EXIT_STATUS, FILE, RunRecord, installed_versions, read_record
 from grs_agents.toolkit import load_tool
+
+if TYPE_CHECKING:
+    from langchain_core.callbacks import BaseCallbackHandler
 
 RUNS = Path("runs")
 """Parent of the run folders that the user does not name."""
@@ -156,6 +159,7 @@ class RunOrder:
     given: Mapping[str, Any] = field(default_factory=dict[str, Any])
     reply: str | None = None  # to the question of the waiting run in `out`
     nested: bool = False  # the graph runs in a node of a surrounding graph, which keeps the checkpoints
+    callbacks: tuple["BaseCallbackHandler", ...] = ()  # LangChain's, of the graph and of the calls of models in it
 
 
 @contextmanager

@@ -17,6 +17,7 @@ from grs_agents.base.config.load import flatten_tree
 from grs_agents.base.config.schema import Config, ModelConfig
 from grs_agents.base.foreign.files import read_bytes, read_json
 from grs_agents.base.foreign.run_folder import check_run_folder
+from grs_agents.base.trace.events import Prompt
 from grs_agents.base.trace.log import read_events
 from grs_agents.library.library import Library
 from grs_agents.models.factory import is_offline
@@ -86,7 +87,9 @@ def verify_run(folder: Path, local: Config, show: Callable[[str], None] = lambda
 
 def _recompute_audit(folder: Path, record: RunRecord, local: Config, temporary: Path) -> Iterator[str]:
     """Differences between the audit in ``folder`` and its repetition in ``temporary``."""
-    replies = collect_model_replies(read_events(folder / "events.jsonl"))
+    events = read_events(folder / "events.jsonl")
+    pictured = frozenset(event.role for event in events if isinstance(event, Prompt) and event.images)
+    replies = collect_model_replies(events)
     recorded = read_json(folder / _AUDIT, "restore the file")
     # The run's portable settings over those of this machine, with the names of its models, which are not called.
     config = record.config.over(local)
@@ -108,7 +111,7 @@ def _recompute_audit(folder: Path, record: RunRecord, local: Config, temporary: 
         assets=folder.resolve() / "assets",
     )
     try:
-        result = check_user_program(order, partial(_AgentsOfRecord, earlier=replies))
+        result = check_user_program(order, partial(_AgentsOfRecord, earlier=replies, pictured=pictured))
     except MissingReply as error:
         yield f"events.jsonl: {error.message}"
         return

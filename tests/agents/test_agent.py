@@ -1,8 +1,10 @@
 """An agent asks its model, reads the reply strictly, and asks again when the reply cannot be used."""
 
 import base64
+import json
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -17,6 +19,8 @@ from grs_agents.base.config.schema import Config, ModelConfig
 from grs_agents.base.errors import GrsError, InputError
 from grs_agents.base.trace.events import Prompt, Reply
 from grs_agents.base.trace.log import EventLog, read_events
+from tests.chat_server import Answer, Json, chat_server, completion
+from tests.needs import needs
 from tests.scripted import ScriptedAgents, say, scripted
 
 TASK = TaskDefinition.model_validate({"task-name": "t", "task-description": "d", "assets-used": ["a"]})
@@ -131,6 +135,53 @@ def test_pictures_are_sent_once_after_the_text_and_as_large_as_needed(tmp_path: 
     assert sent is not None and sent.shape == (shown // 2, shown, 3)
     assert isinstance(complaint.content, str)
     assert [prompt.images for prompt, _ in exchanges(agents)] == [("photo.png",), ()]
+
+
+@pytest.mark.parametrize(
+    ("pictures", "profile", "sent"),
+    [
+        ("auto", None, True),
+        ("auto", {"image_inputs": True}, True),
+        ("auto", {"image_inputs": False}, False),
+        (True, {"image_inputs": False}, True),
+        (False, {"image_inputs": True}, False),
+    ],
+)
+def test_pictures_are_sent_to_models_that_take_them(
+    tmp_path: Path, pictures: bool | Literal["auto"], profile: Any, sent: bool
+) -> None:
+    cv2.imwrite(str(tmp_path / "photo.png"), np.full((300, 300, 3), 90, np.uint8))
+    task = '```json\n{"task-name": "t", "task-description": "d", "assets-used": ["a"]}\n```'
+    config = Config(models={"default": ModelConfig(model="openai:any", pictures=pictures)})
+    agents = scripted(tmp_path, [task], config)
+    agents.script.profile = profile
+    assert agents.sees_pictures("task") == sent
+    assert roles.author_task(agents, {"objects": [{"asset": "a"}]}, [], ["photo.png"]) == TASK
+    [[_, question]] = agents.script.asked
+    assert [block["type"] for block in question.content if isinstance(block, dict)] == ["text", "image"][: 1 + sent]
+    [(prompt, _)] = exchanges(agents)
+    assert prompt.images == (("photo.png",) if sent else ())
+
+
+@needs("langchain_openai")
+def test_of_several_models_those_without_sight_get_the_text_alone(tmp_path: Path) -> None:
+    asked: list[Any] = []
+
+    def answer(body: Json, _: str) -> Answer:
+        asked.append(body["messages"][1]["content"])
+        reply = json.dumps({"task-name": "t", "task-description": "d", "assets-used": ["a"]})
+        status = 200 if len(asked) == 2 else 401
+        return status, {}, json.dumps(completion({"content": f"```json\n{reply}\n```"}, {})).encode()
+
+    cv2.imwrite(str(tmp_path / "photo.png"), np.full((300, 300, 3), 90, np.uint8))
+    with chat_server(answer) as url:
+        first = {"model": "openai:a", "base_url": url, "structured": "off"}
+        second = {**first, "model": "openai:b", "pictures": False}
+        config = Config.model_validate({"models": {"default": {**first, "fallbacks": [second]}}})
+        agents = Agents(config, EventLog(tmp_path / "events.jsonl"), tmp_path)
+        assert roles.author_task(agents, {"objects": [{"asset": "a"}]}, [], ["photo.png"]) == TASK
+    assert isinstance(asked[0], list) and len(asked[0]) == 2
+    assert isinstance(asked[1], str) and asked[1].strip() == asked[0][0]["text"].strip()
 
 
 def test_a_picture_that_cannot_be_read_is_the_users_affair(tmp_path: Path) -> None:

@@ -9,10 +9,11 @@ from grs_agents.agents.agent import Agents
 from grs_agents.agents.budget import BudgetReached
 from grs_agents.agents.roles import JudgedPrograms
 from grs_agents.agents.types import NoReply, TaskDefinition
-from grs_agents.base.config.schema import BudgetConfig, Config, ModelConfig
+from grs_agents.base.config.load import validate_config
+from grs_agents.base.config.schema import BudgetConfig, Config, ModelConfig, Price
 from grs_agents.base.trace.events import Note, Reply, RunStarted
 from grs_agents.base.trace.log import EventLog, read_events
-from tests.scripted import scripted
+from tests.scripted import say, scripted
 
 TASK = TaskDefinition.model_validate({"task-name": "t", "task-description": "d", "assets-used": ["a"]})
 JUDGED = JudgedPrograms(TASK, "{}", "", "", "failed: 0 of 1 tests passed", [])
@@ -58,3 +59,48 @@ def test_a_budget_ends_before_the_call_that_would_pass_it(tmp_path: Path) -> Non
     assert len(agents.script.asked) == 2
     notes = [event.text for event in read_events(agents.log.path) if isinstance(event, Note)]
     assert len(notes) == 2 and all("budget.cost" in note for note in notes)
+
+
+@pytest.mark.parametrize(
+    ("prices", "cost"),
+    [
+        ({"openai:any": {"input": 3, "output": 15}}, (11 * 3 + 5 * 15) / 1e6),
+        ({"openai:*": {"input": 1, "output": 1}, "openai:an*": {"input": 3, "output": 15}}, (11 * 3 + 5 * 15) / 1e6),
+        ({"openai:any": {"input": 3, "output": 15, "cached": 0.5}}, (7 * 3 + 4 * 0.5 + 5 * 15) / 1e6),
+        ({"openai:?": {"input": 3, "output": 15}}, None),
+    ],
+    ids=["name", "longest pattern", "cached", "no match"],
+)
+def test_a_reply_without_a_cost_is_priced_by_its_tokens(
+    tmp_path: Path, prices: dict[str, dict[str, float]], cost: float | None
+) -> None:
+    config = validate_config(
+        {**Config().model_dump(), "models": {"default": {"model": "openai:any"}}, "prices": prices, "reply_retries": 0}
+    )
+    said = say("no")
+    assert said.usage_metadata is not None
+    said.usage_metadata["input_token_details"] = {"cache_read": 4}
+    agents = scripted(tmp_path, [said], config)
+    roles.decide_what_to_fix(agents, JUDGED, ("fix_code", "fix_test"))
+    [reply] = [event for event in read_events(agents.log.path) if isinstance(event, Reply)]
+    assert reply.cost == (None if cost is None else pytest.approx(cost))
+    assert reply.cost_source == ("unknown" if cost is None else "prices")
+
+
+def test_the_providers_cost_prevails_and_prices_bind_the_budget(tmp_path: Path) -> None:
+    config = Config(
+        budget=BudgetConfig(cost=0.9),
+        models={"default": ModelConfig(model="openai:any")},
+        prices={"openai:any": Price(input=0, output=1e5)},  # 0.5 dollars for each reply of 5 tokens
+    )
+    dear = say("no")
+    dear.response_metadata["token_usage"] = {"cost": 0.25}
+    agents = scripted(tmp_path, [dear, "no", "no", "no"], config.model_copy(update={"reply_retries": 9}))
+    with pytest.raises(BudgetReached, match=r"1\.25 of 0\.90 US dollars"):
+        roles.decide_what_to_fix(agents, JUDGED, ("fix_code", "fix_test"))
+    replies = [event for event in read_events(agents.log.path) if isinstance(event, Reply)]
+    assert [(reply.cost, reply.cost_source) for reply in replies] == [
+        (0.25, "provider"),
+        (0.5, "prices"),
+        (0.5, "prices"),
+    ]

@@ -117,6 +117,8 @@ def test_a_model_that_may_cost_money_is_not_asked_unconfirmed(home: Path, monkey
     monkeypatch.setenv("OPENAI_API_KEY", "x")
     done = grs("assets", "describe", "--again", "--set", "models.default.model=openai:gpt-none", folder=home)
     assert done.returncode == 2 and "--yes" in done.stderr and "tokens in" in done.stderr
+    blind = grs("assets", "describe", "--set", "models={default = 'openai:a', pictures = false}", folder=home)
+    assert blind.returncode == 2 and "'openai:a' takes no pictures" in blind.stderr
 
 
 def test_refused_assets_make_exit_status_1_and_are_named(tmp_path: Path) -> None:

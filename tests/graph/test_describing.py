@@ -21,7 +21,7 @@ from grs_agents.agents.agent import Agents
 from grs_agents.base.config.schema import Config
 from grs_agents.base.trace.events import Prompt
 from grs_agents.base.trace.log import EventLog, read_events
-from grs_agents.graph.recognition import describe_segments
+from grs_agents.graph.recognition import NO_PICTURES, describe_segments
 from grs_agents.graph.services import Photo, Services
 from grs_agents.graph.state import TableObject
 from grs_agents.perception.picture_files import load_mask, save_candidates, save_frame
@@ -80,9 +80,10 @@ class Table:
     photo: Photo
     records: tuple[TableObject, ...]
 
-    def services(self, eyes: Eyes, **match: Any) -> Services:
+    def services(self, eyes: Eyes, pictures: bool = True, **match: Any) -> Services:
         """As much of the services as describing uses."""
-        config = Config.model_validate({"models": {"default": {"model": "openai:any"}}, "match": match})
+        model = {"model": "openai:any", "pictures": pictures}
+        config = Config.model_validate({"models": {"default": model}, "match": match})
         agents = SeeingAgents(config, EventLog(self.folder / "events.jsonl"), self.folder, eyes=eyes)
         return cast(Services, SimpleNamespace(config=config, agents=agents, folder=self.folder))
 
@@ -123,6 +124,15 @@ def test_pieces_of_one_thing_become_one_candidate_that_is_measured_and_described
     }
     assert not found.notes
     assert table.prompts()[-1].images == (carton.crop, "scene/marked_04.png")
+
+
+@pytest.mark.parametrize("way", ["each", "sheet"])
+def test_a_model_that_takes_no_pictures_is_told_of_none(table: Table, way: str) -> None:
+    found = describe_segments(table.records, 4, table.photo, table.services(Eyes(says={}), False, describe=way))
+    assert list(found.descriptions) == [1, 2, 3]
+    assert all(not prompt.images for prompt in table.prompts())
+    assert all(NO_PICTURES in prompt.text and "magenta" not in prompt.text for prompt in table.prompts())
+    assert not list(table.folder.rglob("marked_*")) + list(table.folder.rglob("sheet_*"))
 
 
 def test_all_segments_are_asked_at_once_and_answers_are_ordered_by_number(table: Table) -> None:

@@ -5,10 +5,11 @@ from importlib import import_module
 
 import pytest
 from langchain_core.messages import HumanMessage
+from langchain_core.rate_limiters import InMemoryRateLimiter
 
 from grs_agents.base.config.schema import ModelConfig
 from grs_agents.base.errors import ConfigError, UnknownNameError
-from grs_agents.models.call import invoke_with_retries
+from grs_agents.models.call import Retries, invoke_with_retries
 from grs_agents.models.factory import PROVIDERS, is_loopback_url, make_chat_model
 from grs_agents.models.offline.chat import OfflineChatModel
 from tests.models.conftest import Scripted
@@ -90,6 +91,25 @@ def test_a_server_on_this_machine_needs_no_key(server: tuple[Scripted, str], mon
     assert invoke_with_retries(
         make_chat_model(ModelConfig(model="openai:any", base_url=url), seed=0), [HumanMessage("hi")]
     ).text
+
+
+def test_a_rate_limiter_is_asked_before_each_request(
+    server: tuple[Scripted, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    script, url = server
+    script.say(500, {"error": {"message": "later"}})
+    script.complete()
+    before: list[int] = []
+
+    def acquire(limiter: InMemoryRateLimiter, *, blocking: bool = True) -> bool:
+        assert (limiter.requests_per_second, limiter.max_bucket_size, blocking) == (0.5, 3, True)
+        before.append(len(script.requests))
+        return True
+
+    monkeypatch.setattr(InMemoryRateLimiter, "acquire", acquire)
+    config = ModelConfig(model="openai:any", base_url=url, requests_per_second=0.5, burst=3)
+    invoke_with_retries(make_chat_model(config, seed=0), [HumanMessage("hi")], Retries(sleep=lambda _: None))
+    assert before == [0, 1]
 
 
 def test_loopback_addresses() -> None:

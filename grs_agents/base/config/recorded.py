@@ -147,6 +147,7 @@ def list_local_settings(effective: EffectiveConfig) -> list[str]:
     """
     present, default = effective.config.model_dump(mode="json"), Config().model_dump(mode="json")
     models: dict[str, Any] = present.pop("models")
+    prices: dict[str, Any] = present.pop("prices")  # whose keys hold dots
     portable, before = select_portable_settings(flatten_tree(present)), flatten_tree(default)
     leaves = {
         key: value
@@ -155,6 +156,7 @@ def list_local_settings(effective: EffectiveConfig) -> list[str]:
     }
     stated = {key: value for key, value in leaves.items() if effective.states(key)}
     stated |= {f"models.{role}": model for role, model in models.items() if effective.states(f"models.{role}")}
+    stated |= {"prices": prices} if effective.states("prices") else {}
     return [f"{key}={_format_toml(value)}" for key, value in stated.items()]
 
 

@@ -6,6 +6,7 @@ Configuration, sandbox and simulation share ``Limits``, the bounds on the cost o
 import json
 import re
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from typing import Annotated, Any, Literal, cast
 
 from pydantic import Field, JsonValue, field_validator, model_validator
@@ -65,6 +66,13 @@ class ModelChoice(Frozen):
     timeout: float = Field(default=300.0, gt=0)
     max_tokens: int | None = Field(default=None, gt=0)  # the longest reply
     concurrency: int = Field(default=8, ge=1, le=64)  # segments it is asked about at once
+    # ask for JSON by a schema (`with_structured_output`) until the provider refuses it; `off`: by the prompt alone
+    structured: Literal["auto", "off"] = "auto"
+    # send it pictures; `auto`: unless LangChain's profile of the model says that it reads none
+    pictures: bool | Literal["auto"] = "auto"
+    # requests that it is sent on average, and at once after a pause; no limit if None
+    requests_per_second: float | None = Field(default=None, gt=0, le=1000)
+    burst: int = Field(default=1, ge=1, le=1000)
     # further arguments of the class that is made
     arguments: dict[str, JsonValue] = Field(default_factory=dict[str, JsonValue])
 
@@ -242,6 +250,14 @@ class BudgetConfig(Frozen):
     minutes: float | None = Field(default=None, gt=0)  # wall time of all its attempts
 
 
+class Price(Frozen):
+    """Price of a model, in US dollars per million tokens."""
+
+    input: float = Field(ge=0, le=1e5)
+    output: float = Field(ge=0, le=1e5)
+    cached: float | None = Field(default=None, ge=0, le=1e5)  # of input read from a cache; that of other input if None
+
+
 class Config(Frozen):
     """All settings of a run."""
 
@@ -280,6 +296,8 @@ class Config(Frozen):
     audit: AuditConfig = AuditConfig()
     author: Annotated[AuthorConfig, Portable()] = AuthorConfig()
     budget: BudgetConfig = BudgetConfig()
+    # of models whose provider reports no cost, by the model's name or a pattern such as `openai:*`
+    prices: dict[str, Price] = Field(default_factory=dict[str, Price], max_length=1000)
     # `record`: file for every exchange with the models, written when the run ends. `cassette`: recorded run whose
     # replies are given instead of asking models (a file, or the name of a shipped run). With both, models are asked
     # only for missing replies
@@ -291,6 +309,11 @@ class Config(Frozen):
         if role == "judge" and self.audit.judge is not None:
             return ModelConfig(model=self.audit.judge)
         return self.models.get(role, self.models["default"])
+
+    def price_of(self, model: str) -> Price | None:
+        """The price of ``model``: by its name, else by the longest pattern that matches it; None if there is none."""
+        patterns = [name for name in self.prices if name == model or fnmatchcase(model, name)]
+        return self.prices[max(patterns, key=lambda name: (name == model, len(name)))] if patterns else None
 
     @field_validator("robot")
     @classmethod

@@ -182,6 +182,8 @@ Seconds = Annotated[float, Field(ge=0, le=MOST_TOTAL, allow_inf_nan=False)]
 MOST_COST = 1e6
 Cost = Annotated[float, Field(ge=0, le=MOST_COST, allow_inf_nan=False)]
 """US dollars of a reply; a log of 250,000 values keeps below `MOST_TOTAL`."""
+CostSource = Literal["provider", "prices", "unknown"]
+"""Origin of a cost: the provider's answer, or the configured price of its tokens."""
 Summary = Annotated[JsonObject, AfterValidator(lambda value: _validate_json_fields(value, CheckedSummary))]
 Report = Annotated[JsonObject, AfterValidator(lambda value: _validate_json_fields(value, CheckedReport))]
 
@@ -258,8 +260,8 @@ class Prompt(BaseEvent):
 class Reply(BaseEvent):
     """The model's answer; ``error`` is the reason why it could not be used, or why none arrived (``answered``).
 
-    ``cached_tokens`` of the input were read from the provider's cache; ``cost`` is in US dollars, if the provider
-    reports it.
+    ``cached_tokens`` of the input were read from the provider's cache; ``cost`` is in US dollars, if ``cost_source``,
+    the provider or the configured prices, gives it.
     """
 
     kind: Literal["reply"] = "reply"
@@ -271,6 +273,7 @@ class Reply(BaseEvent):
     output_tokens: Count = 0
     cached_tokens: Count = 0
     cost: Cost | None = None
+    cost_source: CostSource = "unknown"
     seconds: Seconds = 0.0
     finish_reason: Name = ""
     error: Text = ""

@@ -1,6 +1,7 @@
 """API reference for language models, generated from signatures and docstrings so that it cannot go stale."""
 
 import inspect
+import re
 from collections.abc import Callable
 from typing import Any, Literal
 
@@ -30,12 +31,24 @@ _FOR_TESTS = frozenset(
     {"add_goal", "goals_met", "find", "get_object_pose", "get_object_size", "reset", "step", *_UTILS}
 )
 """Names for readers who test: to read goals, run a task and look at the scene, not to build it."""
+_FOR_TESTS_ALONE = frozenset({"goals_met", "reset", "step"})
+_RARE = {
+    "make_piles": re.compile(r"make_piles|\b(piles?|heaps?|grains?|crumbs?|swe(ep|pt)\w*|strew\w*)\b", re.IGNORECASE),
+    "make_ropes": re.compile(r"make_ropes|\b(ropes?|cords?|cables?|strings?|threads?|laces?|beads?)\b", re.IGNORECASE),
+}
+"""Names for few tasks, each with the words of a task, or the name in a program, that call for it."""
 
 Reader = Literal["program", "tests"]
 
 
-def api_reference(reader: Reader = "program") -> str:
-    """Markdown on ``Task``, ``Environment``, the oracle, ``utils`` and ``p``, as far as the reader needs it."""
+def api_reference(reader: Reader = "program", about: str | None = None) -> str:
+    """Markdown on ``Task``, ``Environment``, the oracle, ``utils`` and ``p``, as far as the reader needs it.
+
+    Args:
+        reader: author of programs or of tests.
+        about: words of the task, and programs; piles and ropes are left out unless it mentions them. All is in for
+            None.
+    """
     arm = get_arm(PROCESS_CONTEXT.robot)
     lines = [
         "```python",
@@ -49,9 +62,9 @@ def api_reference(reader: Reader = "program") -> str:
         "random places lie in x 0.25..0.75, y -0.5..0.5.",
         "",
         "### Task",
-        _format_docstring(Task) if reader == "program" else _format_docstring(Task).partition("\n\nExample:")[0],
+        _cut_example(_format_docstring(Task)),
     ]
-    for name in _select_names(_TASK, reader):
+    for name in _select_names(_TASK, reader, about):
         lines += _format_entry(f"task.{name}", getattr(Task, name))
     lines += [
         "### Typed goals",
@@ -61,11 +74,12 @@ def api_reference(reader: Reader = "program") -> str:
     for name in _GOALS:
         function = getattr(goal, name)
         lines.append(f"- `{name}{_format_signature(function)}`: {_format_docstring(function)}")
-    lines += ["### Environment", _format_docstring(Environment)]
-    for name in _select_names(_ENVIRONMENT, reader):
+    lines += ["### Environment", _format_docstring(Environment).partition("\n\n")[0]]
+    for name in _select_names(_ENVIRONMENT, reader, about):
         lines += _format_entry(f"env.{name}", getattr(Environment, name))
-    lines += ["### Oracle: `task.oracle(env)`", _format_docstring(Oracle), "### utils"]
-    for name in _select_names(_UTILS, reader):
+    oracle = _format_docstring(Oracle)
+    lines += ["### Oracle: `task.oracle(env)`", oracle if reader == "tests" else _cut_example(oracle), "### utils"]
+    for name in _select_names(_UTILS, reader, about):
         function = getattr(utils, name)
         lines.append(f"- `utils.{name}{_format_signature(function)}`: {_format_docstring(function).splitlines()[0]}")
     lines.append(f"- `utils.COLORS`: {', '.join(COLORS)}")
@@ -74,8 +88,16 @@ def api_reference(reader: Reader = "program") -> str:
     return "\n".join(lines) + "\n"
 
 
-def _select_names(names: tuple[str, ...], reader: Reader) -> list[str]:
-    return [name for name in names if reader == "program" or name in _FOR_TESTS]
+def _select_names(names: tuple[str, ...], reader: Reader, about: str | None) -> list[str]:
+    if reader == "tests":
+        return [name for name in names if name in _FOR_TESTS]
+    needed = [name for name in names if name not in _FOR_TESTS_ALONE]
+    return [name for name in needed if about is None or name not in _RARE or _RARE[name].search(about)]
+
+
+def _cut_example(text: str) -> str:
+    """``text`` without the example at its end: prompts show whole programs."""
+    return text.partition("\n\nExample:")[0]
 
 
 def _format_entry(label: str, function: Callable[..., Any]) -> list[str]:

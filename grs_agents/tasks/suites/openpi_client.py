@@ -38,7 +38,8 @@ class OpenpiClient:
         except ImportError as error:
             raise InputError(f"{error.name} is not installed", 'run: pip install "grs-agents[openpi]"') from error
         self._address, self._timeout = address, timeout
-        self._resources, self._connection = ExitStack(), cast(Any, None)
+        self._resources = ExitStack()
+        self._connection: Any = None
         self.metadata: Mapping[str, Any] = {}
 
     def connect(self) -> None:
@@ -74,7 +75,7 @@ class OpenpiClient:
         """
         self.connect()
         try:
-            self._connection.send(self._msgpack.packb(observation, default=_pack_array))
+            cast(Any, self._connection).send(self._msgpack.packb(observation, default=_pack_array))
             reply = self._receive()
         except (OSError, TimeoutError):
             self.close()
@@ -91,7 +92,7 @@ class OpenpiClient:
     def _receive(self) -> Any:
         exceptions: Any = import_module("websockets.exceptions")
         try:
-            message = self._connection.recv(self._timeout)
+            message = cast(Any, self._connection).recv(self._timeout)
         except TimeoutError as error:
             raise TimeoutError(f"{self._address} gave no reply within {self._timeout:g} s") from error
         except exceptions.WebSocketException as error:

@@ -145,6 +145,7 @@ def test_a_value_out_of_bounds_is_named(key: str, value: Any) -> None:
             'models.default={model = "openai:a", arguments = {"a.b" = "\U0001f600\\t\x7f", top_k = 3}}',
             "models.route=offline",
         ],
+        ['prices={"openai:a.1" = {input = 2, output = 8}, "ollama:*" = {input = 0, output = 0, cached = 0}}'],
         ["limits.wall_seconds=90", "record=a b.json", "seed=7", "scene.table=highest"],
         [],
     ],

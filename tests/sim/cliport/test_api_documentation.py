@@ -1,5 +1,7 @@
 import re
 
+import pytest
+
 from grs_agents.sim import api_reference
 
 
@@ -16,7 +18,8 @@ def test_the_reference_is_short_and_names_what_programs_need() -> None:
         "0.85",
         "stacked(objs)",
         "env.find(asset)",
-        "task.goals_met(env)",
+        "make_piles",
+        "make_ropes",
     ):
         assert word in text
 
@@ -26,3 +29,24 @@ def test_the_reference_explains_itself_to_either_reader() -> None:
         named = set(re.findall(r"`utils\.(\w+)\(", text))
         assert {"apply", "invert", "multiply", "eulerXYZ_to_quatXYZW", "quatXYZW_to_eulerXYZ"} <= named
         assert "compose_poses" not in text
+
+
+def test_each_reader_gets_what_it_needs() -> None:
+    tests = api_reference("tests")
+    for word in ("task.goals_met(env)", "env.step(", "env.reset(", "agent.act(obs, info)"):
+        assert word in tests and word not in api_reference()
+
+
+@pytest.mark.parametrize(
+    ("about", "names"),
+    [
+        ("Stack the cans on the open box.", set[str]()),
+        ("Lay the rope along the line.", {"make_ropes"}),
+        ("Sweep the heap of blocks into the zone.", {"make_piles"}),
+        ("class A(Task): ... self.make_ropes(env, corners) ... self.make_piles(env)", {"make_piles", "make_ropes"}),
+    ],
+)
+def test_piles_and_ropes_are_for_tasks_that_mention_them(about: str, names: set[str]) -> None:
+    text = api_reference("program", about)
+    assert {name for name in ("make_piles", "make_ropes") if f"task.{name}(" in text} == names
+    assert "task.add_goal(" in text
