@@ -23,7 +23,7 @@ from grs_agents.perception.image_geometry import (
 )
 from grs_agents.perception.segmentation.low_surfaces import find_enclosed_floors
 from grs_agents.perception.segmentation.patch_cutting import foreground_pixel_mask, smooth_frame_depth
-from grs_agents.perception.segmentation.segmentation import is_sensor_noise
+from grs_agents.perception.segmentation.segmentation import find_low_pieces, find_table_noise
 from grs_agents.perception.table_finding import pixels_to_robot_frame, robot_frame_point_map
 from grs_agents.perception.types import Aabb, Coverage, Mask, RGBDFrame, TableFrame, UnownedRegion
 from grs_agents.perception.working_resolution import downscale_frame, downscale_mask, repeat_cells
@@ -58,17 +58,13 @@ def raised_pixel_mask(
     small, factor = downscale_frame(frame)
     smooth = smooth_frame_depth(small)
     points = robot_frame_point_map(smooth, table)
-    above = foreground_pixel_mask(points, smooth.depth, np.asarray(table.T_robot_cam)[:3, 3])
+    above = foreground_pixel_mask(points, smooth, np.asarray(table.T_robot_cam)[:3, 3])
     noise = max(CONFIG.lowest, CONFIG.deviations * table.residual)
     low = (points[..., 2] > noise) & (points[..., 2] < DEFAULT.segmentation.foreground.tallest)
-    # Without sensor noise on the table.
-    bounds = DEFAULT.segmentation.filter
-    flattest = float(np.clip(bounds.deviations * table.residual, *bounds.flattest))
-    smallest = int(bounds.smallest * above.size)
+    # Without noise of the table.
     bumps = label_connected_components(above.astype(np.uint8), 1)
-    heights = (points[..., 2].take(pixels) for pixels in pixels_by_label(bumps))
-    kept = [False, *(not is_sensor_noise(bump, 4 * smallest, flattest) for bump in heights)]
-    above = np.asarray(kept, np.bool_)[bumps]
+    flat = find_low_pieces(bumps, points, table) | find_table_noise(bumps, points, small.rgb, table)
+    above &= ~np.isin(bumps, list(flat))
     scenery, blurred = np.zeros(above.shape, np.bool_), np.zeros(frame.depth.shape, np.bool_)
     if left_out is not None:
         scenery = cv2.resize(left_out.astype(np.uint8), above.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0

@@ -12,7 +12,7 @@ from grs_agents.perception.image_geometry import compute_percentiles
 from grs_agents.perception.plane_fitting import Plane, depth_tolerance, find_planes
 from grs_agents.perception.segmentation.candidates import shift_to_workspace
 from grs_agents.perception.segmentation.color_borders import fit_masks_to_color
-from grs_agents.perception.segmentation.segmentation import is_segment_entering_view
+from grs_agents.perception.segmentation.segmentation import find_view_border, is_segment_entering_view
 from grs_agents.perception.table_finding import robot_frame_point_map
 from grs_agents.perception.types import Array, Candidate, Mask, RGBDFrame, TableFrame, X, Y
 from grs_agents.perception.working_resolution import downscale_frame, downscale_mask, repeat_cells
@@ -78,11 +78,11 @@ def separate_scenery_from_objects(
     reduced = [replace(item, mask=downscale_mask(item.mask, factor)) for item in candidates if not item.given]
     small_robot = downscale_mask(robot, factor)
     owned = unite_mask_with_candidates(np.zeros_like(small_robot), reduced)
-    shift = shift_to_workspace(table, candidates)
+    shift, borders = shift_to_workspace(table, candidates), find_view_border(points)
     why: dict[int, str] = {}
     for item in reduced:
         x, y, _ = item.box.center + shift
-        if is_segment_entering_view(item.mask, points, small.camera, DEFAULT.segmentation):
+        if is_segment_entering_view(item.mask, points, borders, small.camera, DEFAULT.segmentation):
             why[item.id] = ENTERING
         elif place := _explain_place(float(x), float(y), table):
             why[item.id] = place
@@ -96,9 +96,9 @@ def separate_scenery_from_objects(
     above = raised_pixel_mask(small, table, downscale_mask(left_out, factor))
     surfaces: list[Plane] = []
     for mask, region in measure_coverage(small, table, above, downscale_mask(owned, factor)).regions:
-        behind = _fit_surroundings(mask, small, points)
+        behind = _fit_surroundings(mask, small, points) if (mask & (borders[0] | borders[1])).any() else []
         x, y, _ = region.box.center + shift
-        entering = is_segment_entering_view(mask, points, frame.camera, DEFAULT.segmentation)
+        entering = is_segment_entering_view(mask, points, borders, frame.camera, DEFAULT.segmentation)
         reason = ENTERING if entering else SURROUNDINGS if behind else _explain_place(float(x), float(y), table)
         if reason:
             reasons.append(reason)
@@ -126,13 +126,11 @@ def _explain_place(x: float, y: float, table: TableFrame) -> str:
 
 
 def _fit_surroundings(region: Mask, frame: RGBDFrame, points: Array) -> list[Plane]:
-    """The flat surface that a region (H, W) mostly shows, if it is larger than an object and the border cuts it.
+    """The flat surface that a region (H, W) mostly shows, if it is larger than an object.
 
     ``points`` are (H, W, 3) in the robot frame."""
-    border = DEFAULT.segmentation.filter.border
-    inner = region[border:-border, border:-border]
     cloud = points[region & (frame.depth > 0)]
-    if np.count_nonzero(inner) == np.count_nonzero(region) or len(cloud) < DEFAULT.segmentation.filter.fewest:
+    if len(cloud) < DEFAULT.segmentation.filter.fewest:
         return []
     low, high = compute_percentiles(cloud, (1, 99))
     if (high - low).max() <= DEFAULT.measuring.largest:

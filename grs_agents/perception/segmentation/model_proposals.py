@@ -47,8 +47,8 @@ def segment_from_proposals(
     rows, columns = small.depth.shape
     smooth = smooth_frame_depth(small)
     points = robot_frame_point_map(smooth, table)
-    above = foreground_pixel_mask(points, smooth.depth, np.asarray(table.T_robot_cam)[:3, 3], config.foreground)
-    patches = cut_smooth_patches(smooth, above, config.patches)
+    above = foreground_pixel_mask(points, smooth, np.asarray(table.T_robot_cam)[:3, 3], config.foreground)
+    patches = cut_smooth_patches(smooth, above, compute_concavity_map(smooth, above, config.patches), config.patches)
     proposals = proposer(frame.rgb[: rows * factor, : columns * factor], above | (smooth.depth <= 0))
     filled = (
         box_to_mask_of_patches(proposal, patches, config.proposals) if proposal.is_box else proposal

@@ -57,12 +57,13 @@ def depth_jump_mask(depth: Depth) -> Mask:
 
 
 def foreground_pixel_mask(
-    points: Array, depth: Depth, eye: Array, config: Foreground = DEFAULT.segmentation.foreground
+    points: Array, frame: RGBDFrame, eye: Array, config: Foreground = DEFAULT.segmentation.foreground
 ) -> Mask:
     """(H, W) pixels that rise above the table and stand on it.
 
-    ``points`` are (H, W, 3) in the robot frame, NaN where unknown; ``eye`` (3,) is the camera's position there."""
-    height = points[..., 2]
+    ``points`` are (H, W, 3) of the frame in the robot frame, NaN where unknown; ``eye`` (3,) is the camera's position
+    there."""
+    height, depth = points[..., 2], frame.depth
     bound = depth_tolerance(depth.astype(np.float64))
     hull = find_table_hull(points, np.abs(height) < bound, eye, config)
     if hull is None:
@@ -81,10 +82,21 @@ def foreground_pixel_mask(
     inside[above] = over
     # Whole surfaces, if most of them is over the table: objects reach beyond its visible part.
     blobs = label_connected_components((above & ~depth_jump_mask(depth)).astype(np.uint8), 1)
-    total = np.bincount(blobs.ravel())
-    keep = np.bincount(blobs[inside], minlength=len(total)) > 0.4 * total
+    whole = _mostly_within(blobs, inside)
+    # Of other surfaces, such as a wall with an object that touches it, what a crease parts from the rest.
+    beside = (blobs > 0) & ~whole
+    if np.count_nonzero(beside & inside) > (smallest := int(DEFAULT.segmentation.filter.smallest * depth.size)):
+        smooth = compute_concavity_map(frame, beside & inside) <= DEFAULT.segmentation.patches.crease
+        whole |= _mostly_within(label_connected_components((beside & smooth).astype(np.uint8), smallest), inside)
+    return whole | inside & (blobs == 0)
+
+
+def _mostly_within(labels: Labels, mask: Mask) -> Mask:
+    """(H, W) pixels of the labelled pieces of which enough lies in a mask (H, W)."""
+    total = np.bincount(labels.ravel())
+    keep = np.bincount(labels[mask], minlength=len(total)) > 0.4 * total
     keep[0] = False
-    return keep[blobs] | inside & (blobs == 0)
+    return keep[labels]
 
 
 def find_table_hull(
@@ -123,10 +135,10 @@ def find_table_hull(
 
 
 def cut_smooth_patches(
-    frame: RGBDFrame, foreground: Mask, config: PatchCutting = DEFAULT.segmentation.patches
+    frame: RGBDFrame, foreground: Mask, bend: Array, config: PatchCutting = DEFAULT.segmentation.patches
 ) -> Labels:
-    """(H, W) labels of the smooth, jump-free surfaces in the foreground; 0 elsewhere."""
-    bend = compute_concavity_map(frame, foreground, config)
+    """(H, W) labels of the smooth, jump-free surfaces in the foreground; 0 elsewhere. ``bend`` (H, W) is the map of
+    `compute_concavity_map`."""
     cut = (bend > config.bend) | depth_jump_mask(frame.depth)
     cores = cv2.morphologyEx((foreground & ~cut).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     labels = grow_labels(label_connected_components(cores, 12), foreground, frame.depth)

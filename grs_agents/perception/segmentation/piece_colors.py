@@ -11,6 +11,7 @@ from grs_agents.perception.segmentation.configuration import PlainColor
 from grs_agents.perception.types import Array, Image
 
 Colors = npt.NDArray[np.float32]
+COLOR_BINS = 720  # of lightness, a* and b*
 _BLACK = 16.0  # of CIE L*: L* + 16 is proportional to the cube root of the luminance
 
 
@@ -30,7 +31,7 @@ def color_bins(colors: Colors) -> Index:
 def color_histogram(bins: Index) -> Array:
     """(720,) square roots of the shares of colours by bin. The dot product of two histograms is their Bhattacharyya
     coefficient: 1 if they agree."""
-    counts = np.bincount(bins, minlength=720).reshape(5, 12, 12).astype(np.float64)
+    counts = np.bincount(bins, minlength=COLOR_BINS).reshape(5, 12, 12).astype(np.float64)
     spread = cv2.GaussianBlur(np.moveaxis(counts, 0, -1), (5, 5), 0.6).reshape(144, 5)
     spread = cv2.GaussianBlur(spread, (5, 1), 0.8).ravel()  # noise at the boundary of two bins falls into both
     return np.sqrt(spread / max(float(spread.sum()), 1.0))

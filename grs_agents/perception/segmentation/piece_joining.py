@@ -1,7 +1,7 @@
-"""Joining of pieces that are the same object: touching pieces of the same plain colour, and pieces that an occluder
-separates."""
+"""Joining of pieces that are the same object: touching pieces of the same colours, steep sides, and pieces that an
+occluder separates."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -13,11 +13,18 @@ from grs_agents.perception.image_geometry import (
     compute_percentiles,
     convex_footprint_hull,
     mask_outline_pixels,
+    pixels_by_label,
     values_in_mask,
 )
 from grs_agents.perception.segmentation.configuration import OccludedPieces, Segmentation
-from grs_agents.perception.segmentation.patch_cutting import Depth, find_depth_jumps, measure_label_borders
+from grs_agents.perception.segmentation.patch_cutting import (
+    Depth,
+    find_depth_jumps,
+    join_smooth_neighbors,
+    measure_label_borders,
+)
 from grs_agents.perception.segmentation.piece_colors import (
+    COLOR_BINS,
     PlainColorTest,
     color_bins,
     color_histogram,
@@ -36,6 +43,40 @@ def join_plain_pieces(labels: Labels, frame: RGBDFrame, config: Segmentation) ->
     for first, second in np.argwhere(np.triu(touching, 1)).tolist():
         if test.is_one_object(first, second):
             numbers[numbers == numbers[second]] = numbers[first]
+    return np.unique(numbers, return_inverse=True)[1].astype(np.int32)[labels]
+
+
+def join_alike_pieces(labels: Labels, frame: RGBDFrame, bend: Array, config: Segmentation) -> Labels:
+    """(H, W) labels, 1..N, with the pieces of the same colours joined that only a shallow crease parts. ``bend`` (H, W)
+    is the map of `compute_concavity_map`."""
+    strength, jumps = np.minimum(bend, config.patches.jump), find_depth_jumps(frame.depth)
+    length, total = measure_label_borders(labels, strength, *jumps, config.patches.jump)
+    shallow = (length >= config.patches.shortest) & (total < config.alike.crease * length)
+    if not shallow.any():
+        return labels
+    bins = color_bins(lab_colors(frame.rgb))
+    looks = np.stack([np.zeros(COLOR_BINS), *(color_histogram(bins.take(own)) for own in pixels_by_label(labels))])
+    alike = looks @ looks.T > config.alike.alike
+    return join_smooth_neighbors(labels, length, total, alike, replace(config.patches, crease=config.alike.crease))
+
+
+def join_steep_pieces(labels: Labels, frame: RGBDFrame, config: Segmentation) -> Labels:
+    """(H, W) labels, 1..N, in which a piece at a grazing angle, a side, belongs to the nearer piece with the longest
+    border; it stays alone without a nearer neighbour."""
+    depth = frame.depth.astype(np.float64)
+    down, across = (np.asarray(side, np.float64) for side in np.gradient(depth))
+    slope = np.hypot(down, across) * frame.camera.fx / np.maximum(depth, 1e-6)
+    pieces = pixels_by_label(labels)
+    steep = [label for label, own in enumerate(pieces, 1) if np.median(slope.take(own)) > config.steep.steep]
+    if not steep:
+        return labels
+    length, _ = measure_label_borders(labels, slope, *find_depth_jumps(frame.depth), config.patches.jump)
+    distance = np.array([np.inf, *(np.median(depth.take(own)) for own in pieces)])
+    numbers = np.arange(len(pieces) + 1, dtype=np.int32)
+    for label in steep:
+        nearer = np.where((distance < distance[label]) & (length[label] >= config.patches.shortest), length[label], 0)
+        if nearer.any():
+            numbers[numbers == label] = numbers[nearer.argmax()]
     return np.unique(numbers, return_inverse=True)[1].astype(np.int32)[labels]
 
 

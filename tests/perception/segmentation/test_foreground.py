@@ -1,5 +1,7 @@
 """What stands on the table, and nothing else."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from grs_agents.perception.segmentation.patch_cutting import find_depth_jumps, foreground_pixel_mask, smooth_frame_depth
@@ -10,9 +12,7 @@ from tests.perception.conftest import Rendered, Thing, render
 def _foreground(scene: Rendered) -> np.ndarray:
     smooth = smooth_frame_depth(scene.frame)
     table = find_table(scene.frame, np.random.default_rng(0))
-    return foreground_pixel_mask(
-        robot_frame_point_map(smooth, table), smooth.depth, np.asarray(table.T_robot_cam)[:3, 3]
-    )
+    return foreground_pixel_mask(robot_frame_point_map(smooth, table), smooth, np.asarray(table.T_robot_cam)[:3, 3])
 
 
 def test_the_foreground_is_the_things(rendered: Rendered) -> None:
@@ -67,3 +67,18 @@ def test_jumps_lie_between_surfaces() -> None:
     assert not below.any()
     assert right[:, 2].all()
     assert right.sum() == 4
+
+
+def test_an_object_that_touches_a_leaning_wall_is_not_lost_with_it() -> None:
+    scene = render([Thing("box", (0.72, 0.1), (0.1, 0.1, 0.12))], noise=0.0005, calibrated=True)
+    camera = scene.frame.camera
+    pose, (rows, columns) = np.asarray(camera.T_robot_cam), np.indices(scene.frame.depth.shape)
+    rays = np.stack([(columns - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy, np.ones(rows.shape)], axis=-1)
+    rays = rays @ pose[:3, :3].T
+    # The plane x - 0.7 = z: a side of a bin.
+    wall = (0.7 + pose[2, 3] - pose[0, 3]) / np.maximum(rays[..., 0] - rays[..., 2], 1e-6)
+    behind = wall < scene.frame.depth
+    frame = replace(scene.frame, depth=np.where(behind, wall, scene.frame.depth).astype(np.float32))
+    found = _foreground(replace(scene, frame=frame))
+    assert found[(scene.labels == 1) & ~behind].mean() > 0.6
+    assert found[behind & (rays[..., 0] > 0)].mean() < 0.05

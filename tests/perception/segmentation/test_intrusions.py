@@ -45,6 +45,15 @@ def test_an_arm_from_above_is_no_object(rendered: Rendered) -> None:
     assert not labels[10:90, 220:240].any()
 
 
+def test_an_arm_from_above_is_no_object_where_the_depth_ends_before_the_picture(rendered: Rendered) -> None:
+    frame = _with_bar(rendered, slice(0, 100), slice(210, 250), 0.7, 0.7)
+    depth = frame.depth.copy()
+    depth[:8], depth[:, :8] = 0, 0
+    labels = _segment(replace(frame, depth=depth))
+    assert labels.max() == len(THINGS)
+    assert not labels[10:90, 220:240].any()
+
+
 def test_a_box_that_the_picture_cuts_is_an_object() -> None:
     scene = render([Thing("box", (0.03, 0.0), (0.16, 0.15, 0.1)), *THINGS])
     cut = scene.labels == 1

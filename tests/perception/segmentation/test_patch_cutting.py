@@ -22,12 +22,14 @@ def _pure(labels: np.ndarray, truth: np.ndarray) -> float:
 
 def test_a_patch_lies_on_one_thing(rendered: Rendered, stacked: Rendered) -> None:
     for scene in (rendered, stacked):
-        labels = cut_smooth_patches(smooth_frame_depth(scene.frame), scene.labels > 0)
+        smooth = smooth_frame_depth(scene.frame)
+        labels = cut_smooth_patches(smooth, scene.labels > 0, compute_concavity_map(smooth, scene.labels > 0))
         assert _pure(labels, scene.labels) > 0.95
 
 
 def test_a_convex_thing_is_one_patch(rendered: Rendered) -> None:
-    labels = cut_smooth_patches(smooth_frame_depth(rendered.frame), rendered.labels > 0)
+    smooth = smooth_frame_depth(rendered.frame)
+    labels = cut_smooth_patches(smooth, rendered.labels > 0, compute_concavity_map(smooth, rendered.labels > 0))
     for thing in (1, 2, 4):
         areas = np.bincount(labels[rendered.labels == thing])
         assert areas[1:].max() > 0.9 * areas.sum()

@@ -24,9 +24,12 @@ SCENES: dict[str, tuple[Thing, ...]] = {
 
 
 def _frame(rule: str) -> RGBDFrame:
-    """A photo in which all things have the same colours, and none a plain one."""
+    """A photo in which all things have the same colours, and none a plain one, but for noise: it looks like the
+    table."""
     scene = render(SCENES[rule], noise=0.0, calibrated=True)
     print_of_all = np.random.default_rng(0).integers(60, 200, scene.frame.rgb.shape, np.uint8)
+    if rule == "sensor_noise":
+        print_of_all = np.full_like(print_of_all, scene.frame.rgb[scene.labels == 0][0])
     rgb = np.where(scene.labels[..., None] > 0, print_of_all, scene.frame.rgb)
     return replace(scene.frame, rgb=rgb)
 

@@ -56,8 +56,10 @@ def test_a_strip_as_narrow_as_the_flying_pixels_at_its_edges_is_no_object(
     rendered: Rendered, width: int, objects: int
 ) -> None:
     depth = rendered.frame.depth.copy()
+    rgb = rendered.frame.rgb.copy()
     depth[60:95, 200 : 200 + width] *= np.float32(0.95)
-    frame = replace(rendered.frame, depth=depth)
+    rgb[60:95, 200 : 200 + width] = (60, 80, 130)
+    frame = replace(rendered.frame, depth=depth, rgb=rgb)
     assert _segment(frame).max() == objects
     table = find_table(frame, np.random.default_rng(0))
     assert segment_objects_on_table(frame, table, DEFAULT.segmentation.without_rules("flying_pixels")).max() == 5
