@@ -28,6 +28,7 @@ from grs_agents.runs.record import RunRecord, read_record
 from grs_agents.runs.run_opening import RunOrder, find_recorded_scene
 from grs_agents.sim.instance.task_instance import TaskInstance
 from grs_agents.tasks.task_folder import open_task_folder
+from grs_agents.views.common.foreign_decoding import decode_in_worker
 from grs_agents.views.live_views import attach_live_views
 
 if TYPE_CHECKING:
@@ -103,6 +104,7 @@ class Run:
         self,
         reply: str | None = None,
         *,
+        scene: Path | str | None = None,
         config: Path | str | None = None,
         progress: bool = False,
         callbacks: Callbacks = (),
@@ -112,6 +114,8 @@ class Run:
 
         Args:
             reply: to the question of a waiting run.
+            scene: of the run, as for `run`. Required if its photo is not read yet: a folder, which may be foreign, does
+                not choose a photo of this machine.
             config: a TOML file.
             progress: show each step on standard error.
             callbacks: as for `run`.
@@ -120,18 +124,21 @@ class Run:
 
         Raises:
             ConfigError: a setting of the run must be repeated, or must not change.
+            InputError: the folder alone names the photo that is to be read, or ``scene`` is another.
         """
         local = load_config(None if config is None else Path(config), overrides=settings)
         order = RunOrder(
             self.record.command,
-            find_recorded_scene(self.folder),
+            find_recorded_scene(self.folder) if scene is None else resolve_scene_path(Path(scene)),
             local,
             self.folder,
             resume=True,
             reply=reply,
             callbacks=tuple(callbacks),
+            recorded_source=scene is None,
         )
-        return _execute_run_or_raise(order, partial(attach_live_views, progress=progress))
+        with decode_in_worker(self.folder):  # it may be a foreign folder
+            return _execute_run_or_raise(order, partial(attach_live_views, progress=progress))
 
 
 def run(

@@ -83,7 +83,9 @@ def test_a_stream_that_is_stopped_can_be_resumed(
         stream.wait()
     stopped = Run(tmp_path / "run")
     assert stopped.status == "interrupted"
-    assert stopped.resume().accepted
+    with pytest.raises(InputError, match=f"{tmp_path / 'run'} alone names the scene {known_scene}"):
+        stopped.resume()
+    assert Run(tmp_path / "run").resume(scene=known_scene).accepted
     assert capfd.readouterr() == ("", "")
 
 

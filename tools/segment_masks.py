@@ -1,6 +1,6 @@
 """Use the masks supplied with the scene: by a person, another program, or a data set."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -41,6 +41,6 @@ def run(request: Request, context: ToolContext) -> Result:
     lost = sorted(set(np.unique(labels).tolist()) - kept - {0})
     notes = [f"mask {number} has too little depth to be an object" for number in lost]
     if any(masks.names):
-        named = (f"{item.id} is {masks.names[int(labels[item.mask].max()) - 1]!r}" for item in candidates)
-        notes.append(f"names of the masks: object {', '.join(named)}")
+        candidates = tuple(replace(item, label=masks.names[int(labels[item.mask].max()) - 1]) for item in candidates)
+        notes.append(f"names of the masks: object {', '.join(f'{item.id} is {item.label!r}' for item in candidates)}")
     return Result(candidates, tuple(notes))

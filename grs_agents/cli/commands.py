@@ -152,8 +152,8 @@ def run(
     settings = [*build_recording_settings(record, cassette), *add_model_setting(settings, models)]
     settings = add_camera_settings(settings, camera, depth_scale)
     chosen = load_effective_config(config, settings, seed, unsafe)
-    scene = scene or find_unnamed_scene(out if resume else None, cassette)
-    sys.exit(run_graph("run", scene, chosen, out, resume, json, view, otel))
+    named = scene or find_unnamed_scene(out if resume else None, cassette)
+    sys.exit(run_graph("run", named, chosen, out, resume, json, view, otel, recorded_source=resume and scene is None))
 
 
 @app.command(rich_help_panel="Make")

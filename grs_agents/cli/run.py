@@ -3,6 +3,7 @@
 import shlex
 import sys
 import traceback
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -25,6 +26,7 @@ from grs_agents.perception.types import SceneDescription, read_scene_description
 from grs_agents.runs.execution import WAITING, UnexpectedError, Views, execute_run
 from grs_agents.runs.record import RunRecord, read_record
 from grs_agents.runs.run_opening import RunOrder
+from grs_agents.views.common.foreign_decoding import decode_in_worker
 from grs_agents.views.live_views import attach_live_views
 from grs_agents.views.terminal import summary_table
 
@@ -38,15 +40,17 @@ def run_graph(
     as_json: bool,
     view: bool = False,
     otel: bool = False,
+    recorded_source: bool = False,
 ) -> int:
     """Run the configured graph with recording and live progress, and print the outcome."""
-    order = RunOrder(command, resolve_scene_path(scene), config, out, resume)
+    order = RunOrder(command, resolve_scene_path(scene), config, out, resume, recorded_source=recorded_source)
     return run_until_ended_and_print(order, scene, as_json, partial(attach_live_views, view=view, otel=otel))
 
 
 def run_until_ended_and_print(order: RunOrder, scene: Path, as_json: bool, views: Views = attach_live_views) -> int:
     """Run the order, ask its questions at the terminal, and print the outcome."""
-    ended = execute_run(order, views)
+    with decode_in_worker(order.out) if order.resume and order.out else nullcontext():  # it may be a foreign folder
+        ended = execute_run(order, views)
     while ended.record.question is not None and sys.stdin.isatty() and not as_json:
         print_question(ended.record.question)
         reply = typer.prompt("reply")
@@ -89,7 +93,7 @@ def approve_run(folder: Path, reply: str | None, config: EffectiveConfig, as_jso
         print_json(record.question.model_dump(mode="json")) if as_json else print_question(record.question)
         return WAITING
     source = Path(record.source)
-    order = RunOrder(record.command, source, config, folder, True, reply=reply)
+    order = RunOrder(record.command, source, config, folder, True, reply=reply, recorded_source=True)
     return run_until_ended_and_print(order, source, as_json)
 
 

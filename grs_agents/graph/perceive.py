@@ -1,11 +1,14 @@
 """The nodes of perception, from a photo to a scene at rest in MuJoCo (paper, Scene Comprehension)."""
 
+import os
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
+from grs_agents.base.config.schema import ToolsConfig
 from grs_agents.base.errors import GrsError, InputError
 from grs_agents.base.foreign.run_folder import find_member_file
 from grs_agents.base.trace.events import Note, SceneStage
@@ -35,7 +38,9 @@ from grs_agents.perception.depth_quality import (
 )
 from grs_agents.perception.object_finding import find_objects
 from grs_agents.perception.picture_files import load_mask, round_depth_as_saved, save_candidates, save_frame, write_png
-from grs_agents.perception.reading.foreign_scene import read_foreign_scene
+from grs_agents.perception.reading.bop import is_bop_source
+from grs_agents.perception.reading.captures import split_choice
+from grs_agents.perception.reading.foreign_scene import is_sample_scene, read_foreign_scene
 from grs_agents.perception.reading.known_scene import copy_scene_from_run, is_known_scene
 from grs_agents.perception.reading.photo_without_depth import DepthEstimate
 from grs_agents.perception.registration.unexplained_segments import add_residual_candidates
@@ -113,6 +118,7 @@ def read_photo_into_run(state: RunState, services: Services) -> Update:
     If the source is a run folder, its scene is copied and perception ends here.
     """
     source, config = Path(state["scene_path"]), services.config
+    _require_scene_of_user(source, services)
     if is_known_scene(source):
         scene = copy_scene_from_run(source, services.folder, config.robot)
         for event in read_events(source / "events.jsonl"):
@@ -150,6 +156,16 @@ def read_photo_into_run(state: RunState, services: Services) -> Update:
     return {"notes": notes, "image": files["rgb"], "camera": frame.camera}
 
 
+def _require_scene_of_user(source: Path, services: Services) -> None:
+    """Raise InputError if only the run folder, which may be foreign, names a scene outside of itself."""
+    inside = Path(os.path.realpath(split_choice(source)[0])).is_relative_to(services.folder)
+    if not services.recorded_source or is_sample_scene(source) or (inside and not is_bop_source(source)):
+        return
+    again = shlex.join(["grs", "run", str(source), "--out", str(services.folder), "--resume"])
+    found = f"{services.folder} alone names the scene {source}, which lies outside of it"
+    raise InputError(found, f"if you mean that scene, name it: {again}")
+
+
 def next_step_after_read(state: RunState) -> Literal["find_table", "done"]:
     """The edge after ``read``: a known scene ends perception."""
     return "done" if state.get("scene") else "find_table"
@@ -167,6 +183,8 @@ def find_table(state: RunState, services: Services) -> Update:
 def segment_photo(state: RunState, services: Services) -> Update:
     """Segment the objects on the table into candidates, and place the robot in front of them."""
     (frame, table), config = _load_photo_and_table(state, services), services.config
+    if config.tools.segment != ToolsConfig().segment:  # another tool may read masks beside the photo
+        _require_scene_of_user(frame.source, services)
     robot = robot_pixel_mask(frame, services.robot_name_or_path, services.library)
     # Settings at their default are left out, so that a tool need not have fields for them.
     settings = {"model": None, **config.segment.model_dump(exclude_defaults=True)}

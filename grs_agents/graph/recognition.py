@@ -83,7 +83,10 @@ def list_adjoining(record: CandidateRecord, records: Sequence[CandidateRecord]) 
 
 def make_describer_question(asked: Sequence[CandidateRecord], records: Sequence[CandidateRecord]) -> DescriberQuestion:
     """The question about some of the segments ``records``, with the pictures of `write_outlines` or a sheet."""
-    rows = [{**describe_measurements_for_model(record), "near": list_adjoining(record, records)} for record in asked]
+    rows: list[dict[str, Any]] = []
+    for record in asked:
+        row = {**describe_measurements_for_model(record), "near": list_adjoining(record, records)}
+        rows.append({**row, "label": record.label} if record.label else row)
     first = asked[0]
     images = (
         [first.crop, outlined_segment_file_name(first.id)]

@@ -59,6 +59,7 @@ class Services:
     sandbox: Sandbox  # where generated code runs
     folder: Path
     visits: Counter[str] = field(default_factory=Counter[str])  # of each node
+    recorded_source: bool = False  # the run's record names the scene, and the user does not
     assets: Path | None = None  # the folder of the run's own assets; `assets` in `folder` by default
     _overlaid: dict[frozenset[Stamp], Library] = field(
         default_factory=dict[frozenset[Stamp], Library], init=False, repr=False, compare=False

@@ -223,6 +223,7 @@ class Candidate:
     points: int  # number of pixels with depth
     hollow: bool = False  # open at the top, with an inside below its rim: bowls, boxes, mugs
     given: bool = False  # its mask was given by the user: it is neither dropped, joined nor divided
+    label: str = ""  # name of its given mask
 
 
 class CandidateRecord(Frozen):
@@ -238,6 +239,7 @@ class CandidateRecord(Frozen):
     points: int
     hollow: bool = False
     given: bool = False
+    label: str = ""
 
 
 class Shown(Frozen):

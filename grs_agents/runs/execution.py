@@ -197,6 +197,7 @@ def _invoke_graph(
             policy=load_policy(config.policy),
             sandbox=sandbox,
             folder=folder.resolve(),
+            recorded_source=order.recorded_source,
             visits=Counter(event.node for event in read_events(log.path) if event.kind == "node_started"),
         )
         forget_judgements(services)  # the folder may be foreign: this process judges anew

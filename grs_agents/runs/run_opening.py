@@ -158,6 +158,7 @@ class RunOrder:
     # fields of the state beside those that every run begins with
     given: Mapping[str, Any] = field(default_factory=dict[str, Any])
     reply: str | None = None  # to the question of the waiting run in `out`
+    recorded_source: bool = False  # the record in `out` names the source, and the user does not
     nested: bool = False  # the graph runs in a node of a surrounding graph, which keeps the checkpoints
     callbacks: tuple["BaseCallbackHandler", ...] = ()  # LangChain's, of the graph and of the calls of models in it
 

@@ -51,7 +51,9 @@ def judged() -> JudgedPrograms:
 
 ASK: dict[str, Callable[[Agents], Any]] = {
     "describe": lambda agents: roles.describe_segments(agents, [{"id": 3}], [3], "none", []),
-    "group": lambda agents: roles.group_segments(agents, [{"id": 1}, {"id": 2}], (640, 480), "none", []),
+    "group": lambda agents: roles.group_segments(
+        agents, [{"id": number, "box": [1, 2, 3, 4]} for number in (1, 2)], (640, 480), "none", []
+    ),
     "match": lambda agents: roles.match_asset(agents, {"id": 3}, [{"name": "a"}], []),
     "task": lambda agents: roles.author_task(agents, {"objects": [{"asset": "a"}]}, [], []),
     "route": lambda agents: roles.decide_what_to_fix(agents, judged(), ("fix_code", "fix_test")),

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -291,6 +292,69 @@ def test_a_folder_without_checkpoint_does_not_choose_the_photo(run: Path, small_
     (copy / "checkpoint.sqlite").unlink(missing_ok=True)
     done = grs("run", "--out", "theirs", "--resume", folder=tmp_path)
     assert done.returncode == 2 and "name the scene" in done.stderr, done
+
+
+BEFORE_AND_AFTER_READ = """
+from pathlib import Path
+from langgraph.graph import END, START, StateGraph
+from grs_agents.graph.perceive import read_photo_into_run
+from grs_agents.graph.services import logged_node
+from grs_agents.graph.state import RunState
+
+VERDICT = True
+
+@logged_node("stop")
+def stop(state, services):
+    if Path({stop!r}).exists():
+        raise RuntimeError("stopped here")
+    return {{}}
+
+def look(state, runtime):
+    photo = runtime.context.load_photo(state)
+    return {{"status": "rejected", "reason": f"a photo of {{photo.rgb.shape}}"}}
+
+def build():
+    graph = StateGraph(RunState, context_schema=object)
+    for name, node in (("stop", stop), ("read", read_photo_into_run), ("look", look)):
+        graph.add_node(name, node)
+    for start, end in zip((START, *{order!r}), (*{order!r}, END)):
+        graph.add_edge(start, end)
+    return graph
+"""
+
+
+def make_stopped_run(folder: Path, scene: Path, *order: str) -> Path:
+    """A run of the nodes in ``order`` that stopped at its node ``stop``, and would go on now."""
+    (folder / "graphs").mkdir()
+    (folder / "stop").touch()
+    text = BEFORE_AND_AFTER_READ.format(stop=str(folder / "stop"), order=order)
+    (folder / "graphs/stopped.py").write_text(text, "utf-8")
+    done = grs("--content", ".", "run", str(scene), "--out", "r", "--set", "graph=stopped", folder=folder)
+    assert done.returncode == 2 and "stopped here" in done.stderr, done.stderr
+    (folder / "stop").unlink()
+    return folder / "r"
+
+
+def test_a_folder_alone_does_not_choose_a_photo_outside_of_it(tmp_path: Path, small_scene: Path) -> None:
+    run = make_stopped_run(tmp_path, small_scene, "stop", "read", "look")
+    resumed = ("--content", ".", "run", "--out", "r", "--resume", "-q")
+    assert_refused(grs(*resumed, folder=tmp_path), str(small_scene), f"name it: grs run {small_scene} --out {run}")
+    done = grs(*resumed, str(small_scene), "--json", folder=tmp_path)
+    assert json.loads(done.stdout)["reason"].startswith("a photo of ("), done.stderr
+
+
+def test_pictures_of_a_resumed_folder_are_decoded_in_a_worker(
+    tmp_path: Path, small_scene: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = make_stopped_run(tmp_path, small_scene, "read", "stop", "look")
+
+    def refuse(*_: object) -> None:
+        raise AssertionError("decoded in this process")
+
+    monkeypatch.setattr(cv2, "imdecode", refuse)
+    monkeypatch.setattr(content, "_overlays", [])
+    content.add_overlay_folder(tmp_path)
+    assert Run(run).resume().record.reason.startswith("a photo of (")
 
 
 def test_long_foreign_programs_are_not_compared_line_by_line(run: Path) -> None:

@@ -157,6 +157,19 @@ def _once_each(together: Barrier) -> Callable[[list[int]], object]:
     return meet
 
 
+def test_the_label_of_a_mask_is_given_to_the_describer(table: Table) -> None:
+    first, *rest = table.records
+    labelled = [first.model_copy(update={"label": "Coffee mug"}), *rest]
+    describe_segments(labelled, 4, table.photo, table.services(Eyes(says={})))
+    texts = [prompt.text for prompt in table.prompts()]
+    assert sum('"label":"Coffee mug"' in text for text in texts) == 1
+    assert sum('"label"' in text for text in texts) == 1
+    agents = Agents(Config(), EventLog(table.folder / "offline.jsonl"), table.folder)
+    services = cast(Services, SimpleNamespace(config=Config(), agents=agents, folder=table.folder))
+    words = describe_segments(labelled, 4, table.photo, services).descriptions[1]
+    assert words.category == "mug" and "coffee mug" in words.description
+
+
 def test_what_does_not_adjoin_its_thing_stays_by_itself(table: Table) -> None:
     found = describe_segments(table.records, 4, table.photo, table.services(Eyes(says={3: {"part_of": 1}})))
     assert [one.id for one in found.objects] == [1, 2, 3]

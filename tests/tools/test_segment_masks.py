@@ -47,6 +47,8 @@ def test_names_of_annotations_are_noted(sample_scene: Path, tmp_path: Path, cont
     result = tool.run(tool.Request(frame=frame, table=find_table(frame, np.random.default_rng(0))), context)
     seen = ", ".join(f"{item.id} is 'thing {labels[item.mask].max()}'" for item in result.candidates)
     assert result.notes == (f"names of the masks: object {seen}",)
+    for item in result.candidates:
+        assert item.label == f"thing {labels[item.mask].max()}"
 
 
 def test_a_scene_without_masks_is_refused(sample_scene: Path, tmp_path: Path, context: ToolContext) -> None:

@@ -10,8 +10,8 @@ Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 _SAMPLES: Final = 30_000
 """Pixels of a batch: few enough for a processor's cache."""
-_FLAT: Final = 1e-6
-"""An edge that rises by less (px) bounds no row."""
+_EDGE: Final = 1e-9
+"""Pixels by which a row is widened at both ends: rounding leaves no gap between triangles that share an edge."""
 
 
 @dataclass(frozen=True)
@@ -27,15 +27,16 @@ def rasterise_triangles(corners: Floats, nearness: Floats, width: int, height: i
     (T, 3) is linear over the picture of a plane and grows towards the viewer: 1 / depth for a perspective camera,
     -depth for an orthographic camera."""
     buffer = Buffer(np.full((height, width), -1, dtype=np.int64), np.full((height, width), -np.inf))
-    low = np.maximum(np.ceil(corners.min(axis=1)), 0).astype(int)
-    high = np.minimum(np.floor(corners.max(axis=1)), (width - 1, height - 1)).astype(int)
+    least, most = (end(end(corners[:, 0], corners[:, 1]), corners[:, 2]) for end in (np.minimum, np.maximum))
+    low = np.maximum(np.ceil(least), 0).astype(int)
+    high = np.minimum(np.floor(most), (width - 1, height - 1)).astype(int)
     edges = np.roll(corners, -1, axis=1) - corners
     area = edges[:, 0, 0] * -edges[:, 2, 1] - edges[:, 0, 1] * -edges[:, 2, 0]
     drawn = np.flatnonzero((low <= high).all(axis=1) & (np.abs(area) >= 1e-12))
-    rows = _Rows.of_triangles(drawn, corners[drawn], area[drawn], low[drawn], high[drawn])
+    rows = _Rows.of_triangles(drawn, corners[drawn], nearness[drawn], low[drawn], high[drawn])
     samples = np.cumsum(rows.width)
     for part in np.split(np.arange(len(samples)), np.flatnonzero(np.diff(samples // _SAMPLES)) + 1):
-        _draw_rows(buffer, rows, part, nearness)
+        _draw_rows(buffer, rows, part)
     return buffer
 
 
@@ -45,30 +46,41 @@ class _Rows:
 
     triangle: Ints  # (R,) index of the triangle
     y: Ints  # (R,) row of the picture
-    left: Ints  # (R,) the first column that may lie in the triangle
+    left: Ints  # (R,) first column in the triangle
     width: Ints  # (R,) number of columns
-    across: Floats  # (3, R) columns of the triangle's corners
-    down: Floats  # (3, R) their rows, relative to ``y``
-    area: Floats  # (R,)
+    nearness: Floats  # (R,) at column 0 of the triangle's plane
+    slope: Floats  # (R,) of the nearness, per column
 
     @classmethod
-    def of_triangles(cls, index: Ints, corners: Floats, area: Floats, low: Ints, high: Ints) -> "_Rows":
+    def of_triangles(cls, index: Ints, corners: Floats, nearness: Floats, low: Ints, high: Ints) -> "_Rows":
         count: Ints = (high - low)[:, 1] + 1
         owner = np.repeat(np.arange(len(index)), count)
         y = _count_up_from(low[:, 1], count)
-        places: Floats = np.ascontiguousarray(corners[owner].transpose(2, 1, 0))
-        across, down = places[0], places[1] - y
-        left: Floats = low[owner, 0].astype(np.float64)
-        right: Floats = high[owner, 0].astype(np.float64)
-        for start, end in ((0, 1), (1, 2), (2, 0)):
+        places: Floats = np.ascontiguousarray(np.dstack([corners, nearness])[owner].transpose(2, 1, 0))
+        across, down, near = places[0], places[1] - y, places[2]
+        left, right = np.full(len(y), np.inf), np.full(len(y), -np.inf)
+        near_left, near_right = np.zeros(len(y)), np.zeros(len(y))
+        for start, end in ((0, 1), (1, 2), (2, 0)):  # the row ends where it crosses two of the edges
             rise = down[end] - down[start]
-            turned = rise * np.sign(area[owner])
-            slanted = np.abs(rise) > _FLAT
-            crossing = across[start] - down[start] * (across[end] - across[start]) / np.where(slanted, rise, 1.0)
-            left = np.where(slanted & (turned < 0), np.maximum(left, np.floor(crossing)), left)
-            right = np.where(slanted & (turned > 0), np.minimum(right, np.ceil(crossing)), right)
-        width: Ints = np.maximum(right - left + 1, 0).astype(np.int64)
-        return cls(index[owner], y, left.astype(np.int64), width, across, down, area[owner])
+            crosses = (down[start] * down[end] <= 0) & (rise != 0)
+            share = -down[start] / np.where(crosses, rise, 1.0)
+            column = across[start] + share * (across[end] - across[start])
+            value = near[start] + share * (near[end] - near[start])
+            first, last = crosses & (column < left), crosses & (column > right)
+            left, near_left = np.where(first, column, left), np.where(first, value, near_left)
+            right, near_right = np.where(last, column, right), np.where(last, value, near_right)
+        begin = np.maximum(np.ceil(left - _EDGE), low[owner, 0])
+        width = np.minimum(np.floor(right + _EDGE), high[owner, 0]) - begin + 1
+        kept = np.flatnonzero(width > 0)
+        slope = (near_right - near_left)[kept] / np.maximum(right - left, _EDGE)[kept]
+        return cls(
+            index[owner[kept]],
+            y[kept],
+            begin[kept].astype(np.int64),
+            width[kept].astype(np.int64),
+            near_left[kept] - slope * left[kept],
+            slope,
+        )
 
 
 def _count_up_from(first: Ints, count: Ints) -> Ints:
@@ -77,19 +89,11 @@ def _count_up_from(first: Ints, count: Ints) -> Ints:
     return np.arange(int(count.sum()), dtype=np.int64) + np.repeat(first - ends + count, count)
 
 
-def _draw_rows(buffer: Buffer, rows: _Rows, part: Ints, nearness: Floats) -> None:
+def _draw_rows(buffer: Buffer, rows: _Rows, part: Ints) -> None:
     row = np.repeat(part, rows.width[part])
     x = _count_up_from(rows.left[part], rows.width[part])
-    (ax, bx, cx), (ay, by, cy) = rows.across[:, row] - x, rows.down[:, row]
-    area = rows.area[row]
-    # Barycentric weights of the three corners.
-    u, v = (bx * cy - by * cx) / area, (cx * ay - cy * ax) / area
-    w = 1.0 - u - v
-    inside = (u >= 0) & (v >= 0) & (w >= 0)
-    u, v, w, x, row = u[inside], v[inside], w[inside], x[inside], row[inside]
+    value = rows.nearness[row] + rows.slope[row] * x
     triangle = rows.triangle[row]
-    near = nearness[triangle]
-    value = u * near[:, 0] + v * near[:, 1] + w * near[:, 2]
     pixel = rows.y[row] * buffer.triangle.shape[1] + x
     # Keep the nearest; of equals the triangle that comes first (``triangle`` ascends).
     best, owner = buffer.nearness.reshape(-1), buffer.triangle.reshape(-1)

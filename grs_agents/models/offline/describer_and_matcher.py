@@ -71,6 +71,8 @@ def describe_segments(prompt: PromptText, pictures: Sequence[bytes]) -> str:
                 category = "carton" if height >= 2 * across and height > 0.12 else "box"
         is_object = size is None or _is_plausible_object(size, measured)
         what = category if category != "object" else shape
+        if label := split_words(str(measured.get("label") or "")):  # a person named the mask
+            what, category = " ".join(label), label[-1]
         extent = " x ".join(f"{100 * edge:.0f}" for edge in size) + " cm" if size else "unknown size"
         second = f" with some {' and '.join(names[1:])}" if len(names) > 1 else ""
         description = f"A {_choose_tall_or_flat_word(size)}{names[0]} {what}{second}, {shape}-shaped, about {extent}."

@@ -22,7 +22,7 @@ from grs_agents.perception.reading.frame_assembly import MOST_FRAME_PIXELS, Scen
 from grs_agents.perception.reading.masks import MOST_MASKS, GivenMasks, find_mask_names, read_masks
 from grs_agents.perception.reading.photo_without_depth import Estimator
 from grs_agents.perception.reading.picture import ColorPicture
-from grs_agents.perception.reading.scene_files import has_usual_name, list_files
+from grs_agents.perception.reading.scene_files import find_files_beside_photo, has_usual_name, list_files
 from grs_agents.perception.reading.scene_folder import SCENE_SUFFIXES
 from grs_agents.perception.reading.scene_source import check_scene_source, finish_recording, read_scene
 from grs_agents.perception.types import Camera, RGBDFrame
@@ -84,7 +84,7 @@ def read_foreign_scene(
         files = [home / "scene_camera.json", *(file for file in pictures if file is not None)]
     elif find_capture(source) is not None:
         files = []  # links that lead out of a capture are not followed
-    elif is_folder(split_choice(source)[0]):
+    elif is_folder(split_choice(source)[0]) or find_files_beside_photo(source) is not None:
         paths = [path for path in list_files(home) if path.suffix.lower() in SCENE_SUFFIXES]
         files = [home / path for path in paths if has_usual_name(path)]
     else:
@@ -148,8 +148,8 @@ def _read_in_worker(source: Path, request: dict[str, Any], links: dict[Path, Pat
             readable = [_find_home(source)]
         elif capture is not None and "shape" not in request:
             readable = [capture.path]
-        elif "shape" in request and source.suffix.lower() != ".npz":
-            readable = [_find_home(source)]  # the masks of a photo lie beside it
+        elif ("shape" in request and source.suffix.lower() != ".npz") or find_files_beside_photo(source) is not None:
+            readable = [_find_home(source)]  # the masks or the depth of a photo lie beside it
         else:
             readable = [source]
             if (camera := source.parent / "camera.json").is_file() and camera not in links and not camera.is_symlink():

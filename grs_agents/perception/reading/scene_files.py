@@ -118,6 +118,30 @@ def find_scene_files(folder: Path, choice: str = "") -> SceneFiles | None:
     )
 
 
+def find_files_beside_photo(photo: Path) -> SceneFiles | None:
+    """The files of a photo, if the names in its folder pair it with a depth picture; ``None`` if they do not.
+
+    All colour pictures there count as photos, whatever their names.
+    """
+    try:
+        paths = list_files(photo.parent)
+    except InputError:  # the photo can be read alone
+        return None
+    photos = [
+        _Named(path, _key(path))
+        for path in paths
+        if path.suffix.lower() in COLOR_SUFFIXES and not _words(path) & {*DERIVED, *DEPTHS[0]} and len(path.parts) == 1
+    ]
+    depths = [depth for depth in _pick_by_words(paths, DEPTHS, DEPTH_SUFFIXES) if depth.path.name != photo.name]
+    taken = {depth.path for depth in depths}
+    pairs = _pair([each for each in photos if each.path not in taken], depths)
+    keys = {each.key for each, _ in pairs}
+    for each, depth in pairs:
+        if each.path.name == photo.name and depth is not None:
+            return SceneFiles(each.path, depth.path, _list_cameras(paths, each.key, keys), each.key)
+    return None
+
+
 def is_point_cloud_name(name: str) -> bool:
     """Whether the reader takes a file of this name as the points of a scene."""
     path = Path(name.lower())

@@ -61,6 +61,11 @@ def read_scene_folder(folder: Path, choice: str = "", hint: CameraConfig | None 
         unread = next(filter(None, (make_unread_format_error(folder / name) for name in names)), None)
         raise unread or InputError(f"{folder / 'rgb.png'} does not exist", "put the photo there as rgb.png")
     source = folder if not choice else folder.with_name(f"{folder.name}:{choice}")
+    return read_scene_files(source, folder, files, hint)
+
+
+def read_scene_files(source: Path, folder: Path, files: SceneFiles, hint: CameraConfig) -> SceneRecording:
+    """Read the files of a picture in ``folder``; ``source`` is the scene as the user names it."""
     recording = SceneRecording(source, read_color_picture(folder / files.photo))
     if files.depth is None:
         return _add_camera(recording, folder, files, hint)
@@ -114,7 +119,8 @@ def _add_depth(
                 notes.append(f"depth of {depth_size[0]}x{depth_size[1]} pixels was resampled by {calibration.source}")
         scale = read.camera.depth_scale
         unit_note = encoding or ("metres" if scale == 1 else f"{scale:g} m a unit")
-    if not files.has_standard_names or (read.taken and files.cameras != ((PurePath("camera.json"),),)):
+    alone = recording.source == folder / files.photo  # named without its depth
+    if alone or not files.has_standard_names or (read.taken and files.cameras != ((PurePath("camera.json"),),)):
         taken = read.taken or "camera.json"
         notes.insert(0, f"photo {files.photo}, depth {depth_path} ({unit_note}), camera {taken}")
     measured = RecordedDepth(units, read.camera.depth_scale, str(file))

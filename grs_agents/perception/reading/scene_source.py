@@ -14,7 +14,12 @@ from grs_agents.perception.reading.frame_assembly import SceneRecording, assembl
 from grs_agents.perception.reading.npz_archive import read_npz_archive
 from grs_agents.perception.reading.photo_without_depth import Estimator, assemble_frame_from_photo
 from grs_agents.perception.reading.picture import SUFFIXES, read_color_picture
-from grs_agents.perception.reading.scene_folder import add_camera_to_recording, read_scene_folder
+from grs_agents.perception.reading.scene_files import find_files_beside_photo
+from grs_agents.perception.reading.scene_folder import (
+    add_camera_to_recording,
+    read_scene_files,
+    read_scene_folder,
+)
 from grs_agents.perception.reading.unread_formats import make_unread_format_error
 from grs_agents.perception.types import RGBDFrame
 
@@ -106,5 +111,8 @@ def read_recording(source: Path, camera: CameraConfig | None = None) -> SceneRec
         return read_scene_folder(folder, choice, camera)
     if source.suffix.lower() == ".npz":
         return read_npz_archive(source)
+    files = find_files_beside_photo(source)
+    if files is not None:
+        return read_scene_files(source, source.parent, files, camera or CameraConfig())
     recording = SceneRecording(source, read_color_picture(source))
     return add_camera_to_recording(recording, source.parent / "camera.json", camera or CameraConfig())

@@ -89,8 +89,9 @@ class ObjectCrop:
 def sample(picture: npt.NDArray[np.float32], column: Array, row: Array, interpolation: int, outside: float) -> Array:
     """(N,) values of a picture (h, w) at pixel coordinates (N,); ``outside`` beyond its border."""
     width = 1024  # OpenCV's pictures have at most 32,767 rows and columns
-    spare = -len(column) % width
-    x, y = (np.pad(part.astype(np.float32), (0, spare)).reshape(-1, width) for part in (column, row))
+    places = np.zeros((2, -(-len(column) // width) * width), np.float32)
+    places[:, : len(column)] = column, row
+    x, y = places.reshape(2, -1, width)
     values = cv2.remap(picture, x, y, interpolation, borderMode=cv2.BORDER_CONSTANT, borderValue=outside)
     return np.asarray(values, np.float64).ravel()[: len(column)]
 

@@ -70,7 +70,7 @@ def _cost_of_depth(crop: ObjectCrop, drawn: Array) -> float:
 def fit_box(crop: ObjectCrop, size: tuple[float, float, float]) -> tuple[Array, Faces]:
     """The mesh of the upright box of least cost, starting from the measured box of ``size``, m."""
     small, radius = _reduce_crop(crop), float(np.hypot(*size[:2])) / 2
-    rays = small.lift(np.ones(small.mask.shape, np.float32)) - small.eye
+    rays = (small.lift(np.ones(small.mask.shape, np.float32)) - small.eye).reshape(-1, 3).T
 
     def extents(values: Array) -> tuple[Array, Array, Array]:
         """Center (3,), half lengths (3,) and rotation (3, 3) of the box."""
@@ -82,11 +82,12 @@ def fit_box(crop: ObjectCrop, size: tuple[float, float, float]) -> tuple[Array, 
     def cost(values: Array) -> float:
         """Cost of the box as its rays meet it: the slab method (Kay and Kajiya 1986)."""
         center, half, rotation = extents(values)
-        along = rays @ rotation
-        inverse = 1 / np.where(np.abs(along) < PARALLEL, PARALLEL, along)
-        middle, reach = (center - small.eye) @ rotation * inverse, half * np.abs(inverse)
-        enter, leave = (middle - reach).max(axis=2), (middle + reach).min(axis=2)
-        return _cost_of_depth(small, np.where((enter <= leave) & (enter > 0), enter, 0.0))
+        enter, leave = np.zeros(rays.shape[1]), np.full(rays.shape[1], np.inf)
+        for along, offset, extent in zip(rotation.T @ rays, (center - small.eye) @ rotation, half, strict=True):
+            inverse = 1 / np.where(np.abs(along) < PARALLEL, PARALLEL, along)
+            middle, reach = offset * inverse, extent * np.abs(inverse)
+            enter, leave = np.maximum(enter, middle - reach), np.minimum(leave, middle + reach)
+        return _cost_of_depth(small, np.where(enter <= leave, enter, 0.0).reshape(small.mask.shape))
 
     measured = np.array([-size[0] / 2, -size[1] / 2, size[0] / 2, size[1] / 2, size[2], 0.0])
     center, half, rotation = extents(_search_lengths(measured, cost, CONFIG.box_steps).values)

@@ -389,6 +389,23 @@ def test_a_picture_of_several_is_chosen_by_name_or_number(tmp_path: Path, truth:
     assert short_scene_name(source) == f"kitchen-{choice}"
 
 
+@pytest.mark.parametrize(("photo", "depth"), [pair for pair in NAMES if "/" not in pair[0]])
+def test_a_photo_is_paired_with_the_depth_beside_it(tmp_path: Path, truth: Truth, photo: str, depth: str) -> None:
+    folder = write_capture(tmp_path, truth, photo, depth, JSON_MATRIX)
+    frame = read_foreign_scene(folder / photo)
+    assert frame.source == folder / photo and (frame.rgb == truth.rgb).all()
+    assert np.abs(frame.depth - truth.depth).max() < 1e-6
+    assert any(note.startswith(f"photo {photo}, depth {depth}") for note in frame.notes)
+
+
+def test_depth_of_another_photo_is_not_taken(tmp_path: Path, truth: Truth) -> None:
+    folder = write_two_pictures(tmp_path / "kitchen", truth)
+    (folder / "holiday.png").write_bytes(png(truth.rgb))
+    assert (read_scene(folder / "000123-rgb-img.png").rgb == 255 - truth.rgb).all()
+    with pytest.raises(InputError, match=r"holiday\.png has no depth"):
+        read_scene(folder / "holiday.png")
+
+
 def test_several_pictures_are_asked_about_by_name(tmp_path: Path, truth: Truth) -> None:
     folder = write_two_pictures(tmp_path / "kitchen", truth)
     with pytest.raises(InputError, match="holds 2 pictures") as refusal:
