@@ -13,4 +13,4 @@ def run(request: MatchRequest, context: ToolContext) -> MatchResult:
     Raises:
         InputError: the files of an asset are faulty.
     """
-    return match_by_features(request, context.library, "match_features")
+    return match_by_features(request, context.library)

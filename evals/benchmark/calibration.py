@@ -19,7 +19,7 @@ from grs_agents.perception.matching.feature_matcher import rank_assets_per_segme
 from grs_agents.perception.matching.types import MatchRequest, Segment
 from grs_agents.perception.reading.scene_source import read_scene
 from grs_agents.perception.table_finding import find_table
-from grs_agents.perception.types import Array, Candidate, MatchEvidence, RGBDFrame
+from grs_agents.perception.types import Array, Candidate, RGBDFrame
 from grs_agents.runs.metrics import Figure
 from grs_agents.toolkit import ToolContext, load_tool
 
@@ -73,7 +73,7 @@ def name_assets(folder: Path, segment: str, context: ToolContext) -> list[NamedA
     segments = [
         Segment(candidate.id, candidate.mask, candidate.upright, Path(), candidate.points) for candidate in candidates
     ]
-    request, half = MatchRequest(segments, frame, table, _unasked), sorted({*shown.values()} - {""})[::2]
+    request, half = MatchRequest(segments, frame, table), sorted({*shown.values()} - {""})[::2]
     named = _name_best_assets(folder.name, request, library, shown)
     fewer = _name_best_assets(folder.name, request, _Fewer(library, half), shown) if labelled else ()
     return [*named, *fewer]
@@ -97,10 +97,6 @@ def _name_best_assets(
                 right=right,
                 known=true in held,
             )
-
-
-def _unasked(*_: object) -> MatchEvidence:
-    raise AssertionError("no model is asked")
 
 
 def _true_assets_by_truth(folder: Path, candidates: Sequence[Candidate]) -> dict[int, str]:

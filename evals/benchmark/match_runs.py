@@ -23,10 +23,9 @@ METHODS: dict[str, Method] = {
         Method(name="features-no-ocr", tool="match_features", ocr=False),
         Method(name="features-no-size", tool="match_features", sized=False),
         Method(name="clip", tool="match_clip"),
-        Method(name="text", tool="match_text", models=True),
-        Method(name="image", tool="match_image", models=True),
-        Method(name="both", tool="match_both", models=True),
-        Method(name="hybrid", tool="match_hybrid", models=True),
+        Method(name="text", tool="match_hybrid", models=True, pictured=False),
+        Method(name="image", tool="match_hybrid", models=True, worded=False),
+        Method(name="both", tool="match_hybrid", models=True),
     )
 }
 """The ways to match that can be measured."""

@@ -18,6 +18,7 @@ class Method(Frozen):
         tool: its name in ``tools/``.
         ocr, sized: as in the tool's request.
         models: it calls a model, so results depend on model and run.
+        worded, pictured: the model gets descriptions, and pictures, of the objects.
     """
 
     name: str
@@ -25,6 +26,8 @@ class Method(Frozen):
     ocr: bool = True
     sized: bool = True
     models: bool = False
+    worded: bool = True
+    pictured: bool = True
 
 
 class MatchOrder(Frozen):

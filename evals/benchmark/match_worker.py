@@ -29,7 +29,7 @@ from grs_agents.graph.recognition import (
     make_placeholder_description,
 )
 from grs_agents.library.library import Library
-from grs_agents.perception.annotated_pictures import write_outlines
+from grs_agents.perception.annotated_pictures import outlined_segment_file_name, write_outlines
 from grs_agents.perception.matching.types import MatchResult, Segment
 from grs_agents.perception.picture_files import save_candidates, save_frame
 from grs_agents.perception.segmentation.candidates import measure_candidates
@@ -57,7 +57,7 @@ def match_scene(order: MatchOrder, out: Path) -> Matching:
         else:
             candidates = measure_candidates(scene.frame, table, scene.labels)
         folder = out / "pictures" / order.scene.name
-        image = save_frame(scene.frame, folder)["rgb"]
+        save_frame(scene.frame, folder)
         records = save_candidates(scene.frame, candidates, folder)
         log = EventLog(out / "events" / f"{order.stem}.jsonl")
         before = log.sequence
@@ -69,7 +69,6 @@ def match_scene(order: MatchOrder, out: Path) -> Matching:
             table,
             candidates,
             records,
-            image,
             context,
             Agents(load_config(None, [*model, f"seed={order.run}", *order.settings]).config, log, folder),
         )
@@ -95,7 +94,6 @@ def _matched(
     table: TableFrame,
     candidates: Sequence[Candidate],
     records: Sequence[CandidateRecord],
-    image: str,
     context: ToolContext,
     agents: Agents,
 ) -> MatchResult:
@@ -103,7 +101,8 @@ def _matched(
     if order.method.models:
         write_outlines(scene.frame, records, records, agents.folder)
         for record in records:
-            said = ask_describer(agents, make_describer_question([record], records))
+            images = [record.crop, outlined_segment_file_name(record.id)]
+            said = ask_describer(agents, make_describer_question([record], records, images))
             silent = isinstance(said, NoReply)
             described[record.id] = make_placeholder_description(record.shape) if silent else said[record.id]
     config, tool = agents.config, load_tool(order.method.tool)
@@ -115,11 +114,13 @@ def _matched(
         Segment(candidate.id, candidate.mask, candidate.upright, crops[candidate.id], candidate.points)
         for candidate in objects
     ]
+    words, frame = described if order.method.worded else {}, scene.frame if order.method.pictured else None
+    matcher = make_model_matcher(agents, records, words, frame, [])
     request = tool.Request(
         segments=segments,
         frame=scene.frame,
         table=table,
-        ask=make_model_matcher(agents, records, described, image, []),
+        ask=matcher if order.method.models else None,
         seed=order.run,
         model=config.match.model,
         index=config.match.index,

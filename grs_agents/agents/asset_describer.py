@@ -9,13 +9,14 @@ from pathlib import Path
 
 import numpy as np
 from langchain_core.language_models.chat_models import BaseChatModel
+from langchain_core.runnables.config import ContextThreadPoolExecutor
 from pydantic import Field, ValidationError
 
 from grs_agents.agents.agent import image_block_from_array
 from grs_agents.agents.prompt_template import render_prompt_template
 from grs_agents.agents.reply import ReplyError, parse_json
 from grs_agents.agents.types import ModelReply
-from grs_agents.base import Frozen, content
+from grs_agents.base import Frozen, content, interrupts
 from grs_agents.base.config.schema import ModelConfig
 from grs_agents.base.errors import InputError
 from grs_agents.base.files import write_json
@@ -27,7 +28,7 @@ from grs_agents.library.contact_sheets import composite_over_white
 from grs_agents.library.library import Library
 from grs_agents.models.answer import ReplyProblem
 from grs_agents.models.call import invoke_with_retries
-from grs_agents.models.factory import make_retries
+from grs_agents.models.factory import is_offline, make_retries
 
 PROMPT = "describe_asset"
 _REPLY_TOKENS = 120
@@ -95,41 +96,65 @@ def describe_assets(
     spec: ModelConfig,
     warn: Callable[[str], None],
 ) -> Iterator[tuple[Asset, DescribedAsset | None]]:
-    """Describe assets; each description is stored before the next request. None if the model gave no usable reply."""
-    for asset in todo:
-        views = render_random_views(library, asset.name)
-        facts = {
-            "file_name": Path(asset.name).stem,
-            "size_m": [round(extent, 3) for extent in asset.size],
-            "colors": visible_color_names(views),
-            "hollow": asset.hollow,
-        }
-        prompt = render_prompt_template(content.content_path("prompts", PROMPT), PROMPT, {"facts": json.dumps(facts)})
-        messages = prompt.to_messages(
-            [image_block_from_array(composite_over_white(view)[:, :, ::-1]) for view in views]
+    """Describe as many assets at once as ``spec.concurrency`` says, and yield them in their order.
+
+    Each description is stored as soon as it is there. None if the model gave no usable reply.
+    """
+
+    def describe(asset: Asset) -> DescribedAsset | None:
+        if interrupts.is_interrupt_requested():  # assets that still wait for a thread are not asked about
+            raise KeyboardInterrupt
+        return _describe_asset(root, library, asset, model, spec, warn)
+
+    with ContextThreadPoolExecutor(1 if is_offline(spec.model) else spec.concurrency) as pool:
+        waiting = [pool.submit(describe, asset) for asset in todo]
+        try:
+            for asset, future in zip(todo, waiting, strict=True):
+                described = future.result()
+                yield (asset if described is None else replace_asset_description(asset, described.words)), described
+        finally:
+            for future in waiting:
+                future.cancel()
+
+
+def _describe_asset(
+    root: Path,
+    library: Library,
+    asset: Asset,
+    model: BaseChatModel,
+    spec: ModelConfig,
+    warn: Callable[[str], None],
+) -> DescribedAsset | None:
+    """Describe an asset and store the description; None if the model gave no usable reply."""
+    views = render_random_views(library, asset.name)
+    facts = {
+        "file_name": Path(asset.name).stem,
+        "size_m": [round(extent, 3) for extent in asset.size],
+        "colors": visible_color_names(views),
+        "hollow": asset.hollow,
+    }
+    prompt = render_prompt_template(content.content_path("prompts", PROMPT), PROMPT, {"facts": json.dumps(facts)})
+    messages = prompt.to_messages([image_block_from_array(composite_over_white(view)[:, :, ::-1]) for view in views])
+    for _ in range(_TRIES):
+        try:
+            answer = invoke_with_retries(model, messages, make_retries(spec))
+            words = parse_json(answer.text, AssetDescription)
+        except (ReplyProblem, ReplyError) as error:
+            warn(f"{asset.name}: {error}")
+            continue
+        described = DescribedAsset(
+            asset=asset.name,
+            words=words,
+            model=spec.model,
+            prompt=_prompt_hash(),
+            content=_asset_content_hash(asset),
+            date=datetime.now(UTC).isoformat(timespec="seconds"),
+            input_tokens=answer.input_tokens,
+            output_tokens=answer.output_tokens,
         )
-        for _ in range(_TRIES):
-            try:
-                answer = invoke_with_retries(model, messages, make_retries(spec))
-                words = parse_json(answer.text, AssetDescription)
-            except (ReplyProblem, ReplyError) as error:
-                warn(f"{asset.name}: {error}")
-                continue
-            described = DescribedAsset(
-                asset=asset.name,
-                words=words,
-                model=spec.model,
-                prompt=_prompt_hash(),
-                content=_asset_content_hash(asset),
-                date=datetime.now(UTC).isoformat(timespec="seconds"),
-                input_tokens=answer.input_tokens,
-                output_tokens=answer.output_tokens,
-            )
-            write_json(description_file_path(root, asset.name), described.model_dump(mode="json"))
-            yield replace_asset_description(asset, words), described
-            break
-        else:
-            yield asset, None
+        write_json(description_file_path(root, asset.name), described.model_dump(mode="json"))
+        return described
+    return None
 
 
 def replace_asset_description(asset: Asset, words: AssetDescription) -> Asset:

@@ -9,8 +9,8 @@ from pydantic import BaseModel
 
 from grs_agents.agents.types import (
     Grouping,
-    Match,
     RouterReply,
+    SegmentMatches,
     SegmentReplies,
     TaskDefinition,
     TaskRevision,
@@ -22,7 +22,7 @@ _TYPES: Final[Mapping[str, type[BaseModel]]] = MappingProxyType(
     {
         "group": Grouping,
         "describe": SegmentReplies,
-        "match": Match,
+        "match": SegmentMatches,
         "task": TaskDefinition,
         "fix_task": TaskRevision,
         "route": RouterReply,

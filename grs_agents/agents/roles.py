@@ -30,6 +30,7 @@ from grs_agents.agents.types import (
     Match,
     NoReply,
     RouterReply,
+    SegmentMatch,
     SegmentReply,
     TaskDefinition,
     TaskRevision,
@@ -40,6 +41,7 @@ from grs_agents.agents.types import (
 
 Json = dict[str, Any]
 Task = TypeVar("Task", bound=TaskDefinition)
+Row = TypeVar("Row", SegmentReply, SegmentMatch)
 
 
 def group_segments(
@@ -112,16 +114,7 @@ def describe_segments(
     wanted = [int(row["id"]) for row in rows]
 
     def parse_descriptions(text: str) -> dict[int, Description]:
-        rows = read_json_rows(text, SegmentReply)
-        problems = list_problems(rows)
-        replies = [row.parsed for row in rows if row.parsed is not None]
-        if len(rows) == len(replies) == len(wanted) == 1:
-            replies = [replies[0].model_copy(update={"id": wanted[0]})]
-        described = {number: reply for reply in replies if (number := reply.id) is not None}
-        faulty = {str(row.number) for row in rows if row.parsed is None}
-        missing = [number for number in wanted if number not in described and str(number) not in faulty]
-        if missing and "None" not in faulty:
-            problems.append(f"the reply has no object with the id {', '.join(map(str, missing))}")
+        described, problems = _read_rows_by_number(text, SegmentReply, wanted)
         for number in set(wanted) & set(described):
             whole = described[number].part_of
             # no segment has the number 0, and none is a piece of itself
@@ -138,24 +131,59 @@ def describe_segments(
     )
 
 
-def match_asset(agents: Agents, candidate: Json, assets: Sequence[Json], images: Sequence[str]) -> Match | NoReply:
-    """Match a candidate with an asset. ``assets`` hold name, description, color and size."""
+def _read_rows_by_number(text: str, kind: type[Row], wanted: Sequence[int]) -> tuple[dict[int, Row], list[str]]:
+    """The replies about segments by number, and the problems of those that are unreadable or missing.
+
+    The only reply about the only segment needs no number.
+    """
+    rows = read_json_rows(text, kind)
+    problems = list_problems(rows)
+    replies = [row.parsed for row in rows if row.parsed is not None]
+    if len(rows) == len(replies) == len(wanted) == 1:
+        replies = [replies[0].model_copy(update={"id": wanted[0]})]
+    by_number = {number: reply for reply in replies if (number := reply.id) is not None}
+    faulty = {str(row.number) for row in rows if row.parsed is None}
+    missing = [number for number in wanted if number not in by_number and str(number) not in faulty]
+    if missing and "None" not in faulty:
+        problems.append(f"the reply has no object with the id {', '.join(map(str, missing))}")
+    return by_number, problems
+
+
+def match_segments(
+    agents: Agents, rows: Sequence[Json], assets: Sequence[Json], pictures: str, images: Sequence[str]
+) -> dict[int, Match] | NoReply:
+    """Match segments with assets.
+
+    Args:
+        rows: the described segments, each with its ``id``.
+        assets: with name, description, color, category and size.
+        pictures: text that describes ``images``.
+    """
+    wanted = [int(row["id"]) for row in rows]
     names = {str(asset["name"]): str(asset["name"]) for asset in assets}
 
-    def parse_match(text: str) -> Match:
-        answer = parse_json(text, Match)
-        if answer.match != "asset":
-            return answer
-        asset = _find_asset(answer.asset or "", names)
-        if asset is None:
-            raise ReplyError(
-                f"asset {answer.asset!r} is not in the list of assets{_suggest_assets(answer.asset, names)}"
-            )
-        return answer.model_copy(update={"asset": asset})
+    def parse_matches(text: str) -> dict[int, Match]:
+        matched, problems = _read_rows_by_number(text, SegmentMatch, wanted)
+        matches: dict[int, Match] = {}
+        for number in wanted:
+            if number not in matched:
+                continue
+            fields = matched[number].model_dump(exclude={"id"})
+            if matched[number].match != "asset":
+                fields["asset"] = None
+            else:
+                written = matched[number].asset or ""
+                fields["asset"] = _find_asset(written, names)
+                if fields["asset"] is None:
+                    near = _suggest_assets(written, names)
+                    problems.append(f"segment {number}: asset {written!r} is not in the list of assets{near}")
+            matches[number] = Match.model_validate(fields)
+        if problems:
+            raise ReplyError(join_problems(problems))
+        return matches
 
-    return agents.ask_role(
-        "match", {"candidate": to_json_text(candidate), "assets": to_json_lines(assets)}, parse_match, images
-    )
+    values = {"assets": to_json_lines(assets), "pictures": pictures, "segments": to_json_lines(rows)}
+    return agents.ask_role("match", values, parse_matches, images)
 
 
 def author_task(

@@ -264,6 +264,19 @@ class Grouping(ModelReply):
         return self.model_copy(update={"split": tuple(split), "missing": tuple(missing)})
 
 
+def _read_reason(value: Any) -> Any:
+    return "" if value is None else value
+
+
+def _read_share(value: Any) -> Any:
+    """``0.9`` of ``90``, ``"90 %"`` and ``"0.9"``; None for anything else that is no share."""
+    try:
+        number = float(value.strip().removesuffix("%") if isinstance(value, str) else value)
+    except (TypeError, ValueError, OverflowError):
+        return None
+    return number if 0 <= number <= 1 else number / 100 if 1 < number <= 100 else None
+
+
 class Match(ModelReply):
     """The matcher's reply about a candidate (paper, Scene Comprehension, step 3).
 
@@ -273,7 +286,20 @@ class Match(ModelReply):
 
     match: Literal["asset", "no_asset", "no_object"]
     asset: Annotated[str | None, BeforeValidator(_read_null_word)] = None
-    reason: str = ""
+    confidence: Annotated[float | None, BeforeValidator(_read_share)] = None  # that the reply is right, 0..1
+    reason: Annotated[str, BeforeValidator(_read_reason)] = ""
+
+
+class SegmentMatch(Match):
+    """A match in a reply about several segments; ``id`` is the segment's number."""
+
+    id: Annotated[int | None, BeforeValidator(_read_segment_name)] = None
+
+
+class SegmentMatches(ModelReply):
+    """A reply about several segments under a single key, as a JSON schema needs it."""
+
+    segments: tuple[SegmentMatch, ...]
 
 
 class TaskDefinition(ModelReply):

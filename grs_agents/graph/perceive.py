@@ -15,7 +15,7 @@ from grs_agents.base.trace.events import Note, SceneStage
 from grs_agents.base.trace.log import read_events
 from grs_agents.graph.bystanders import prepare_scene_for_tasks
 from grs_agents.graph.placement import (
-    explain_why_no_scene_object,
+    explain_rejected_objects,
     place_asset_or_proxy,
     raise_confidence_of_fit,
     register_objects,
@@ -274,14 +274,15 @@ def register_assets_in_photo(state: RunState, services: Services) -> Update:
     masks = _load_masks(objects, services)
     names = [item.placed.name for item in objects if item.placed]
     pending: list[TableObject] = []
+    reasons, notes = explain_rejected_objects(select_pending(objects, dropped), is_first_pass, services)
     for item in select_pending(objects, dropped):
-        if reason := explain_why_no_scene_object(item, services.config.match.proxies):
+        if reason := reasons[item.id]:
             dropped.append(DroppedCandidate(id=item.id, reason=reason))
         else:
             taken = [*names, *(other.scene_object.name for other in pending)]
             pending.append(place_asset_or_proxy(item, services, taken))
     registered = register_objects(pending, masks, photo, services)
-    fitting, misfits = replace_misfit_assets(registered, names, services)
+    fitting, misfits, remarks = replace_misfit_assets(registered, names, masks, photo, services)
     dropped += misfits
     placed = {item.id: raise_confidence_of_fit(item) for item in fitting}
     objects = [placed.get(item.id, item) for item in objects]
@@ -293,7 +294,7 @@ def register_assets_in_photo(state: RunState, services: Services) -> Update:
         gone = {item.id for item in divided}
         objects = [item.model_copy(update={"placed": None}) if item.id in gone else item for item in objects]
         objects += [TableObject.from_record(record) for record in residual]
-    return {"objects": objects, "dropped": dropped}
+    return {"objects": objects, "dropped": dropped, "notes": [*state["notes"], *notes, *remarks]}
 
 
 def next_step_after_register(state: RunState) -> Literal["describe", "settle"]:

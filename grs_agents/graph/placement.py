@@ -1,6 +1,7 @@
 """From matched segments to objects at rest: registration, proxies, collisions, settling in MuJoCo.
 
-An asset that disagrees with the measured size or place gives way to a proxy of that size.
+An asset that disagrees with the measured size or place is scaled to it if the object's look names it, or gives way to a
+proxy of that size.
 """
 
 import math
@@ -14,8 +15,10 @@ from grs_agents.base import Quat
 from grs_agents.base.errors import GrsError
 from grs_agents.graph.services import Photo, Services
 from grs_agents.graph.state import TableObject
+from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.matching.confidence import confidence_of_fitting_asset
-from grs_agents.perception.proxies.proxy import Proxy, primitive_proxy, write_proxy
+from grs_agents.perception.matching.types import BY_FEATURES
+from grs_agents.perception.proxies.proxy import Proxy, primitive_proxy, write_proxy, write_scaled_asset
 from grs_agents.perception.registration.registration import Registered, register_asset
 from grs_agents.perception.registration.size_check import (
     deviation_from_measured_box,
@@ -68,10 +71,39 @@ def explain_why_no_scene_object(item: TableObject, proxies: bool = True) -> str:
     return ""
 
 
-def place_asset_or_proxy(item: TableObject, services: Services, taken: Sequence[str]) -> TableObject:
+def explain_rejected_objects(
+    objects: Sequence[TableObject], first: bool, services: Services
+) -> tuple[dict[int, str], list[str]]:
+    """Reasons why described and matched segments are no objects of the scene, by number; empty for objects.
+
+    Words of models that leave a photo no object at all do not count, as in `regroup_segments`.
+
+    Args:
+        objects: the segments.
+        first: no object is placed yet.
+        services: the services of the run.
+
+    Returns:
+        The reasons, and notes for a reader of the scene.
+    """
+    proxies, seen = services.config.match.proxies, services.agents.sees_pictures("describe")
+    reasons = {item.id: explain_why_no_scene_object(item, proxies) for item in objects}
+    said = [
+        item.id
+        for item in objects
+        if (seen if item.match is None else item.match.match == "no_object" and item.match.method != BY_FEATURES)
+    ]
+    if not first or not proxies or not said or not all(reasons.values()):
+        return reasons, []
+    note = f"models take none of {len(objects)} segments for an object: {', '.join(map(str, said))} stay, as measured"
+    return reasons | dict.fromkeys(said, ""), [note]
+
+
+def place_asset_or_proxy(item: TableObject, services: Services, taken: Sequence[str], name: str = "") -> TableObject:
     """Place the matched asset, or a primitive proxy of the measured size, in the measured box.
 
-    Settling replaces the primitive by a reconstructed shape (`reconstruct_proxy`).
+    Settling replaces the primitive by a reconstructed shape (`reconstruct_proxy`). A proxy is called ``name``, or else
+    by its colour and category.
     """
     words, match = item.described, item.match
     if match is not None and match.match == "asset" and match.asset is not None:
@@ -79,7 +111,7 @@ def place_asset_or_proxy(item: TableObject, services: Services, taken: Sequence[
         position, orientation, size = fit_asset_to_box(item.upright, asset.size)
         name = _unique_object_name(asset.kind, taken)
     else:
-        name = _unique_object_name(f"{words.color} {words.category}", taken)
+        name = name or _unique_object_name(f"{words.color} {words.category}", taken)
         proxy = primitive_proxy(item.shape, item.upright.size, item.color, item.hollow)
         asset = write_proxy(services.folder / "assets", name, proxy, words.description)
         position, orientation, size = item.upright.center, yaw_quaternion(item.upright.yaw), asset.size
@@ -150,24 +182,66 @@ def set_registered_pose(item: TableObject, registered: Registered) -> TableObjec
 
 
 def replace_misfit_assets(
-    objects: Sequence[TableObject], taken: Sequence[str], services: Services
-) -> tuple[list[TableObject], list[DroppedCandidate]]:
-    """Replace each asset that disagrees with its measured box by a proxy.
+    objects: Sequence[TableObject],
+    taken: Sequence[str],
+    masks: Mapping[int, Mask],
+    photo: Photo,
+    services: Services,
+) -> tuple[list[TableObject], list[DroppedCandidate], list[str]]:
+    """Replace each asset that disagrees with its measured box: by a scaled copy if its look was recognised, or a proxy.
 
     Returns:
-        The objects, and those that have neither asset nor proxy.
+        The objects, those that have neither asset nor proxy, and notes for a reader of the scene.
     """
     kept: list[TableObject] = []
     dropped: list[DroppedCandidate] = []
+    notes: list[str] = []
     for item in objects:
         why = describe_size_mismatch(item, services)
+        if not why:
+            kept.append(item)
+            continue
+        placed = item.scene_object
+        scaled = _scale_to_measured_size(item, masks[item.id], photo, services) if _is_recognised(item) else None
+        if scaled is not None:
+            kept.append(scaled)
+            notes.append(f"{placed.name}: {scaled.scene_object.evidence}")
+            continue
         names = [*taken, *(other.scene_object.name for other in (*objects, *kept))]
-        replaced = replace_by_proxy(item, why, names, services) if why else item
+        replaced = replace_by_proxy(item, why, names, services)
         if isinstance(replaced, DroppedCandidate):
             dropped.append(replaced)
-        else:
-            kept.append(replaced)
-    return kept, dropped
+            continue
+        kept.append(replaced)
+        if _is_recognised(item):
+            notes.append(f"{placed.name}: {placed.asset} {why}: it keeps its name and is rebuilt as seen")
+    return kept, dropped, notes
+
+
+def _is_recognised(item: TableObject) -> bool:
+    """True if the look of an object names its asset: another size does not make it another thing."""
+    match = item.scene_object.match
+    return match is not None and match.method != BY_FEATURES
+
+
+def _scale_to_measured_size(item: TableObject, mask: Mask, photo: Photo, services: Services) -> TableObject | None:
+    """The object with a uniformly scaled copy of its asset, registered to the points of its ``mask`` (H, W).
+
+    None if the ratios of the measured to the asset's extents differ, no plausible factor fits, or the copy does not
+    stand where the object was measured.
+    """
+    placed, tolerance = item.scene_object, DEFAULT.size
+    library, measured = services.library, placed.upright or item.upright
+    ratios = np.divide(measured.size, fit_asset_to_box(measured, library.asset(placed.asset).size)[2])
+    factor = float(np.exp(np.log(ratios).mean()))
+    plausible = tolerance.smallest <= factor <= tolerance.largest
+    if not plausible or (np.abs(factor / ratios - 1) > tolerance.size).any():
+        return None
+    scaled = write_scaled_asset(services.folder / "assets", placed.name, placed.asset, library, factor)
+    registered = register_asset(scaled.name, services.library, measured, *photo, mask)
+    evidence = f"{placed.evidence}; {placed.asset} is scaled by {factor:.2f} to the measured size"
+    found = set_registered_pose(item.place(asset=scaled.name, evidence=evidence), registered)
+    return None if describe_size_mismatch(found, services) else found
 
 
 def raise_confidence_of_fit(item: TableObject) -> TableObject:
@@ -192,15 +266,19 @@ def describe_size_mismatch(item: TableObject, services: Services) -> str:
 def replace_by_proxy(
     item: TableObject, why: str, taken: Sequence[str], services: Services
 ) -> TableObject | DroppedCandidate:
-    """The object with a proxy instead of its asset; dropped if the configuration forbids proxies."""
+    """The object with a proxy instead of its asset; dropped if the configuration forbids proxies.
+
+    It keeps its name if the look of the object names the asset.
+    """
     placed = item.scene_object
     reason = f"{placed.asset} was matched ({placed.evidence}), but {why}"
     update = {"match": "no_asset", "asset": None, "runner_up": placed.asset, "reason": reason}
     match = (placed.match or MatchEvidence(match="no_asset")).model_copy(update=update)
+    name = placed.name if _is_recognised(item) else ""
     item = item.model_copy(update={"match": match})
     if reason := explain_why_no_scene_object(item, services.config.match.proxies):
         return DroppedCandidate(id=item.id, reason=reason)
-    return place_asset_or_proxy(item, services, taken)
+    return place_asset_or_proxy(item, services, taken, name)
 
 
 @dataclass(frozen=True)

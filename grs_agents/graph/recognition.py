@@ -16,8 +16,9 @@ from grs_agents.graph.services import Photo, Services
 from grs_agents.graph.state import TableObject
 from grs_agents.models.factory import is_offline
 from grs_agents.perception.annotated_pictures import (
+    group_segments_for_sheets,
     outlined_segment_file_name,
-    segment_sheet_file_names,
+    write_numbered_photo,
     write_outlines,
     write_segment_sheet,
 )
@@ -31,7 +32,14 @@ from grs_agents.perception.segmentation.described_pieces import (
     merge_pieces,
 )
 from grs_agents.perception.segmentation.regrouping import PixelBox, Regrouping, regroup_segments, scale_box
-from grs_agents.perception.types import Candidate, CandidateRecord, DroppedCandidate, MatchEvidence, Shown
+from grs_agents.perception.types import (
+    Candidate,
+    CandidateRecord,
+    DroppedCandidate,
+    MatchEvidence,
+    RGBDFrame,
+    Shown,
+)
 
 ONE_SEGMENT = """\
 1. The segment, cut out; what is around it is dimmed and is no part of it.
@@ -41,6 +49,11 @@ MANY_SEGMENTS = """\
 1. Each segment with its number, cut out; what is around it is dimmed and is no part of it.
 2. The whole photo; the segments are outlined in white and numbered. Its edges have a ruler in pixels."""
 NO_PICTURES = "There is none: go by the measurements, and say no more than they do."
+SHEETS = """\
+1. Sheets with each segment and its number, cut out; what is around it is dimmed and is no part of it.
+2. The last picture: the whole photo; the segments are outlined in white and numbered."""
+_COMPARED = {"description", "color", "shape", "category"}
+"""The fields of a description that a match compares."""
 
 
 @dataclass(frozen=True)
@@ -81,19 +94,15 @@ def list_adjoining(record: CandidateRecord, records: Sequence[CandidateRecord]) 
     ]
 
 
-def make_describer_question(asked: Sequence[CandidateRecord], records: Sequence[CandidateRecord]) -> DescriberQuestion:
-    """The question about some of the segments ``records``, with the pictures of `write_outlines` or a sheet."""
+def make_describer_question(
+    asked: Sequence[CandidateRecord], records: Sequence[CandidateRecord], images: Sequence[str]
+) -> DescriberQuestion:
+    """The question about some of the segments ``records``, with the picture files ``images``."""
     rows: list[dict[str, Any]] = []
     for record in asked:
         row = {**describe_measurements_for_model(record), "near": list_adjoining(record, records)}
         rows.append({**row, "label": record.label} if record.label else row)
-    first = asked[0]
-    images = (
-        [first.crop, outlined_segment_file_name(first.id)]
-        if len(asked) == 1
-        else list(segment_sheet_file_names(first.id))
-    )
-    return {"rows": rows, "numbers": [record.id for record in records], "images": images}
+    return {"rows": rows, "numbers": [record.id for record in records], "images": [*images]}
 
 
 def ask_describer(agents: Agents, question: DescriberQuestion) -> dict[int, Description] | NoReply:
@@ -101,6 +110,30 @@ def ask_describer(agents: Agents, question: DescriberQuestion) -> dict[int, Desc
     pictures = ONE_SEGMENT if len(question["rows"]) == 1 else MANY_SEGMENTS
     pictures = pictures if question["images"] else NO_PICTURES
     return roles.describe_segments(agents, question["rows"], question["numbers"], pictures, question["images"])
+
+
+def write_question_pictures(
+    groups: Sequence[Sequence[CandidateRecord]], records: Sequence[CandidateRecord], photo: Photo, folder: Path
+) -> tuple[list[list[str]], float]:
+    """Write the pictures for a question about each group of the segments ``records``: crops, and the whole photo.
+
+    Returns:
+        The files of each question, and the pixels of the shown photo per pixel of the photo.
+    """
+    single, scale = [group[0] for group in groups if len(group) == 1], 1.0
+    if single:
+        scale = write_outlines(photo[0], single, records, folder)
+    sheets = [group for group in groups if len(group) > 1]
+    numbered = f"scene/numbered_{sheets[0][0].id:02d}.png" if sheets else ""
+    if sheets:
+        scale = write_numbered_photo(photo[0], records, folder, numbered)
+    files = [
+        [write_segment_sheet(group, folder), numbered]
+        if len(group) > 1
+        else [group[0].crop, outlined_segment_file_name(group[0].id)]
+        for group in groups
+    ]
+    return files, scale
 
 
 def make_placeholder_description(shape: str) -> Description:
@@ -114,40 +147,52 @@ def describe_segments(
 ) -> DescribedSegments:
     """Describe segments; joined pieces are numbered from ``first_free`` and described once more.
 
-    Without a usable reply a description holds the measured outline alone.
+    A model that sees is shown several segments on a sheet, and each by itself where its reply about the sheet cannot be
+    used. Without a usable reply a description holds the measured outline alone.
     """
-    spec, agents = services.config.model_for_role("describe"), services.agents
+    spec, agents, folder = services.config.model_for_role("describe"), services.agents, services.folder
     sees = agents.sees_pictures("describe")
-    threads = 1 if is_offline(spec.model) else spec.concurrency  # the embedded model gains nothing by threads
-    in_one_sheet = services.config.match.describe == "sheet"
+    on_sheets = sees and services.config.match.describe == "sheet"
+    descriptions: dict[int, Description] = {}
+    scale, parts = 1.0, set[int]()  # of the photo that the describer sees; parts of divided segments
+    silent: dict[int, str] = {}  # reasons for missing descriptions, by number
+    dropped: list[DroppedCandidate] = []
+    notes: list[str] = []
+    present, asked = list(records), list(records)
 
     def ask(question: DescriberQuestion) -> dict[int, Description] | NoReply:
         if interrupts.is_interrupt_requested():  # questions that still wait for a thread are not asked
             raise KeyboardInterrupt
         return ask_describer(agents, question)
 
-    descriptions: dict[int, Description] = {}
-    scale, parts = 1.0, set[int]()
-    silent: dict[int, str] = {}  # reasons for missing descriptions, by number
-    dropped: list[DroppedCandidate] = []
-    notes: list[str] = []
-    present, asked = list(records), list(records)
-    with ContextThreadPoolExecutor(threads) as pool:
+    def ask_about(groups: Sequence[Sequence[TableObject]]) -> dict[int, str]:
+        """Ask about each group; returns the reasons for missing descriptions, by number."""
+        nonlocal scale
+        pictures: list[list[str]] = [[] for _ in groups]
+        if sees:
+            pictures, scale = write_question_pictures(groups, present, photo, folder)
+        questions = [
+            make_describer_question(group, present, images) for group, images in zip(groups, pictures, strict=True)
+        ]
+        missing: dict[int, str] = {}
+        for group, reply in zip(groups, pool.map(ask, questions), strict=True):
+            if isinstance(reply, NoReply):
+                missing |= {record.id: str(reply) for record in group}
+            else:
+                descriptions.update(reply)
+        return missing
+
+    # The offline model gains nothing by threads
+    with ContextThreadPoolExecutor(1 if is_offline(spec.model) else spec.concurrency) as pool:
         while asked:
-            if sees:
-                scale = write_outlines(photo[0], asked, present, services.folder)
-                if in_one_sheet and len(asked) > 1:
-                    write_segment_sheet(photo[0], asked, present, services.folder)
-            groups = [asked] if in_one_sheet else [[record] for record in asked]
-            questions = [make_describer_question(group, present) for group in groups]
-            if not sees:
-                questions = [{**question, "images": []} for question in questions]
-            for group, reply in zip(groups, pool.map(ask, questions), strict=True):
-                if isinstance(reply, NoReply):
-                    silent |= {record.id: str(reply) for record in group}
-                    descriptions |= {record.id: make_placeholder_description(record.shape) for record in group}
-                else:
-                    descriptions |= reply
+            groups = group_segments_for_sheets(asked, folder) if on_sheets else [[record] for record in asked]
+            missing = ask_about(groups)
+            if missing and len(groups) < len(asked):  # a sheet may ask too much of a small model
+                missing = ask_about([[record] for record in asked if record.id in missing])
+            silent |= missing
+            for record in asked:
+                if record.id in missing:
+                    descriptions[record.id] = make_placeholder_description(record.shape)
             several = {
                 record.id: [scale_box(box, 1 / scale) for box in boxes]
                 for record in asked
@@ -155,12 +200,10 @@ def describe_segments(
                 and descriptions[record.id].shows == "several"
                 and (boxes := descriptions[record.id].boxes)
             }
-            asked, pieces, remarks = _join_described_pieces(
-                asked, present, descriptions, first_free, photo, services.folder
-            )
+            asked, pieces, remarks = _join_described_pieces(asked, present, descriptions, first_free, photo, folder)
             gone = {piece.id for piece in pieces}
             present = [*(record for record in present if record.id not in gone), *asked]
-            divided, wholes, doubts = _divide_described_segments(several, present, first_free, photo, services.folder)
+            divided, wholes, doubts = _divide_described_segments(several, present, first_free, photo, folder)
             gone = {whole.id for whole in wholes}
             present = [*(record for record in present if record.id not in gone), *divided]
             asked += divided
@@ -269,9 +312,11 @@ def match_objects(
     Returns:
         The objects with their matches, and notes for a reader of the scene.
     """
-    config = services.config
+    config, agents, folder = services.config, services.agents, services.folder
     asked = [item for item in objects if item.described.is_object]
-    folder, silent = services.folder, list[str]()
+    described, silent = {item.id: item.described for item in asked}, list[str]()
+
+    matcher = make_model_matcher(agents, asked, described, photo[0] if image else None, silent)
     result: MatchResult = services.run_tool(
         config.tools.match,
         segments=[
@@ -280,7 +325,7 @@ def match_objects(
         ],
         frame=photo[0],
         table=photo[1],
-        ask=make_model_matcher(services.agents, asked, {item.id: item.described for item in asked}, image, silent),
+        ask=matcher if agents.sees_pictures("match") else None,
         seed=config.seed,
         model=config.match.model,
         ocr=config.match.ocr,
@@ -309,27 +354,48 @@ def make_model_matcher(
     agents: Agents,
     records: Sequence[CandidateRecord],
     described: Mapping[int, Description],
-    image: str,
+    frame: RGBDFrame | None,
     silent: list[str],
 ) -> Ask:
-    """A function that asks the model of the role ``match``; segments without a usable reply are noted in ``silent``."""
+    """A function that asks the model of the role ``match`` once about several segments.
+
+    Args:
+        agents: the chat models.
+        records: the segments that it may be asked about.
+        described: their descriptions by number; empty for a question without words.
+        frame: the photo; None for a question without pictures.
+        silent: takes a note if there is no usable reply.
+    """
     by_number = {record.id: record for record in records}
 
-    def ask(segment: Segment, assets: Sequence[Shown], worded: bool, pictured: bool) -> MatchEvidence:
-        record = by_number[segment.id]
-        words = (
-            described[segment.id].model_dump(exclude={"is_object", "part_of", "shows", "boxes"}, exclude_none=True)
-            if worded
-            else {}
-        )
+    def ask(segments: Sequence[Segment], assets: Sequence[Shown]) -> dict[int, MatchEvidence]:
+        asked = [by_number[segment.id] for segment in segments]
+        rows = [
+            {
+                "id": record.id,
+                "size_m": [round(value, 3) for value in record.upright.size],
+                "pixels": record.points,
+                **(described[record.id].model_dump(include=_COMPARED) if record.id in described else {}),
+            }
+            for record in asked
+        ]
         shown = [{**dict(asset), "size": [round(value, 3) for value in asset.size]} for asset in assets]
-        pictures = [record.crop, outlined_segment_file_name(record.id)] if pictured and image else []
-        reply = roles.match_asset(agents, {**describe_measurements_for_model(record), **words}, shown, pictures)
+        images: list[str] = []
+        if frame is not None:
+            groups = group_segments_for_sheets(asked, agents.folder)
+            numbered = f"scene/matched_numbered_{asked[0].id:02d}.png"
+            write_numbered_photo(frame, asked, agents.folder, numbered)
+            images = [*(write_segment_sheet(group, agents.folder, "matched") for group in groups), numbered]
+        pictures = SHEETS if images else "(none)"
+        reply = roles.match_segments(agents, rows, shown, pictures, images)
         if isinstance(reply, NoReply):
-            silent.append(f"candidate {segment.id}: {reply}; no asset was matched")
-            return MatchEvidence(match="no_asset", reason=str(reply))
-        asset = reply.asset if reply.match == "asset" else None
-        kind = "no_asset" if reply.match == "asset" and asset is None else reply.match
-        return MatchEvidence(match=kind, asset=asset, reason=reply.reason)
+            silent.append(f"{reply}: assets are matched by measured features")
+            return {}
+        return {
+            number: MatchEvidence(
+                match=match.match, asset=match.asset, confidence=match.confidence, reason=match.reason
+            )
+            for number, match in reply.items()
+        }
 
     return ask

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -11,12 +11,16 @@ from grs_agents.base.foreign.pictures import read_picture
 from grs_agents.perception.picture_files import COLORS, load_mask, write_png
 from grs_agents.perception.types import Array, CandidateRecord, Mask, RGBDFrame
 
+Record = TypeVar("Record", bound=CandidateRecord)
 MARK, OTHERS = (255, 0, 255), (255, 255, 255)
 """Colours of the outlines of the queried segments, and of the others."""
 SHOWN_SIDE = 1024
 NAMED = "scene/named.png"
 """The photo with the names of its objects, in the run folder."""
 _TILE = 256
+"""Side to which the crops of a sheet are enlarged, pixels."""
+_LEGIBLE, _FEWEST_COLUMNS = 150, 3
+"""Least side of a crop on a sheet, pixels; columns of the sheets of large crops, which are reduced."""
 _ASIDE = np.array(
     [(0, 0)] + [(x * far / 2, y * far) for far in range(1, 12) for x, y in ((0, -1), (0, 1), (-1, -1), (1, 1))]
 )
@@ -52,29 +56,45 @@ def write_outlines(
     return scale
 
 
-def segment_sheet_file_names(first: int) -> tuple[str, str]:
-    """The files, in the run folder, of the sheet of crops and of the numbered photo, by the first segment."""
-    return f"scene/sheet_{first:02d}.png", f"scene/numbered_{first:02d}.png"
+def group_segments_for_sheets(asked: Sequence[Record], run: Path) -> list[list[Record]]:
+    """Divide segments into groups whose crops are legible on a sheet of `SHOWN_SIDE`: the larger, the fewer."""
+    if not asked:
+        return []
+    sides = [max(read_picture(run / record.crop, cv2.IMREAD_COLOR).shape[:2]) for record in asked]
+    columns = int(np.clip(SHOWN_SIDE // np.median(sides), _FEWEST_COLUMNS, SHOWN_SIDE // _LEGIBLE))
+    groups = -(-len(asked) // columns**2)
+    return [list(asked[group * len(asked) // groups : (group + 1) * len(asked) // groups]) for group in range(groups)]
 
 
-def write_segment_sheet(
-    frame: RGBDFrame, asked: Sequence[CandidateRecord], records: Sequence[CandidateRecord], run: Path
-) -> None:
-    """Write the sheet of crops and the numbered photo for a query about several segments."""
-    crops, numbered = segment_sheet_file_names(asked[0].id)
-    write_png(run / numbered, _draw_numbered_outlines(frame, records, run)[0])
+def write_segment_sheet(asked: Sequence[CandidateRecord], run: Path, name: str = "sheet") -> str:
+    """Write a sheet of the numbered crops of segments; returns its file, ``scene/<name>_<first number>.png``."""
     columns = int(np.ceil(len(asked) ** 0.5))
-    sheet = np.zeros((-(-len(asked) // columns) * _TILE, columns * _TILE, 3), np.uint8)
+    crops = [read_picture(run / record.crop, cv2.IMREAD_COLOR) for record in asked]
+    side = min(SHOWN_SIDE // columns, max(_TILE, *(max(crop.shape[:2]) for crop in crops)))
+    sheet = np.zeros((-(-len(asked) // columns) * side, columns * side, 3), np.uint8)
     places: dict[str, Array] = {}
-    for index, record in enumerate(asked):
-        crop = read_picture(run / record.crop, cv2.IMREAD_COLOR)
-        scale = _TILE / max(crop.shape[:2])
-        tile = cv2.resize(crop, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)[:_TILE, :_TILE]
-        row, column = index // columns * _TILE, index % columns * _TILE
+    for index, (record, crop) in enumerate(zip(asked, crops, strict=True)):
+        scale = side / max(crop.shape[:2])
+        way = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
+        tile = cv2.resize(crop, None, fx=scale, fy=scale, interpolation=way)[:side, :side]
+        row, column = index // columns * side, index % columns * side
         sheet[row : row + tile.shape[0], column : column + tile.shape[1]] = tile
         places[str(record.id)] = np.array([column + 20.0, row + 16.0])
     _draw_labels(sheet, places, 0.7)
-    write_png(run / crops, sheet)
+    file = f"scene/{name}_{asked[0].id:02d}.png"
+    write_png(run / file, sheet)
+    return file
+
+
+def write_numbered_photo(frame: RGBDFrame, records: Sequence[CandidateRecord], run: Path, name: str) -> float:
+    """Write the photo with outlines and numbers of ``records`` into the file ``name`` of the run folder.
+
+    Returns:
+        Its pixels per pixel of the photo, which its ruler shows.
+    """
+    picture, _, scale = _draw_numbered_outlines(frame, records, run)
+    write_png(run / name, picture)
+    return scale
 
 
 def write_marks(frame: RGBDFrame, records: Sequence[CandidateRecord], run: Path) -> float:

@@ -215,6 +215,9 @@ class SizeCheck:
     # (ADD-S, median) where boxes were 5.0. On real photos no wrong asset was as close.
     certain: float = 0.7
     near: float = 0.002
+    # factors of a named asset that is scaled to the measured size: packages of one product differ by as much
+    smallest: float = 0.5
+    largest: float = 2.0
 
 
 @dataclass(frozen=True)

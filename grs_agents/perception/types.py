@@ -258,7 +258,7 @@ class MatchEvidence(Frozen):
     # ``asset``; ``no_asset`` for an object that the library lacks; ``no_object`` for anything else
     match: Literal["asset", "no_asset", "no_object"]
     asset: str | None = None  # library name of the match
-    method: str = ""  # the tool
+    method: str = ""  # the tool; `BY_FEATURES` of `perception.matching.types` where no model was asked
     confidence: float | None = None  # probability that the answer is right, 0..1; ``None`` if the tool gives none
     # likelihood or similarity in 0..1 of the best few assets, by name, the best first
     scores: dict[str, float] = Field(default_factory=dict[str, float])

@@ -22,7 +22,9 @@ SCENE: dict[str, Any] = {"objects": [{"asset": "a", "name": "<scene>"}]}
 JUDGED = JudgedPrograms(TASK, "<scene>", "<code>", "<tests>", "<test_results>", ["<history>"], (), "<explanation>")
 ASKED: dict[str, Callable[[Agents], object]] = {
     "describe": lambda agents: roles.describe_segments(agents, [{"id": 1, "x": "<segments>"}], [1], "<pictures>", []),
-    "match": lambda agents: roles.match_asset(agents, {"x": "<candidate>"}, [{"name": "<assets>"}], []),
+    "match": lambda agents: roles.match_segments(
+        agents, [{"id": 1, "x": "<segments>"}], [{"name": "<assets>"}], "<pictures>", []
+    ),
     "task": lambda agents: roles.author_task(agents, SCENE, [{"name": "<fixtures>"}], []),
     "simulation": lambda agents: roles.author_simulation(agents, TASK, SCENE, "<api>", "<examples>", []),
     "tests": lambda agents: roles.author_tests(agents, TASK, "<code>", "<api>"),
@@ -105,8 +107,27 @@ ASSETS = [
 )
 def test_an_asset_is_found_by_a_name_that_means_no_other(tmp_path: Path, written: str, read: str | None) -> None:
     agents = scripted(tmp_path, [json.dumps({"match": "asset", "asset": written})], Config(reply_retries=0))
-    reply = roles.match_asset(agents, {}, ASSETS, [])
-    assert (None if isinstance(reply, NoReply) else reply.asset) == read
+    reply = roles.match_segments(agents, [{"id": 7}], ASSETS, "", [])
+    assert (None if isinstance(reply, NoReply) else reply[7].asset) == read
+
+
+@pytest.mark.parametrize(
+    ("said", "read"), [(0.9, 0.9), ("0.9", 0.9), ("90 %", 0.9), (90, 0.9), ("high", None), (-1, None)]
+)
+def test_a_confidence_is_a_share_or_none(tmp_path: Path, said: object, read: float | None) -> None:
+    row = {"id": 7, "match": "no_asset", "asset": "none", "confidence": said, "reason": None}
+    agents = scripted(tmp_path, [json.dumps(row)], Config(reply_retries=0))
+    reply = roles.match_segments(agents, [{"id": 7}], ASSETS, "", [])
+    assert not isinstance(reply, NoReply) and reply[7].confidence == read and reply[7].asset is None
+
+
+def test_the_matcher_is_told_all_that_is_wrong_at_once(tmp_path: Path) -> None:
+    rows = [{"id": 1, "match": "asset", "asset": "Mylk"}, {"id": 2, "match": "perhaps"}]
+    agents = scripted(tmp_path, ["\n".join(map(json.dumps, rows))], Config(reply_retries=0))
+    outcome = roles.match_segments(agents, [{"id": number} for number in (1, 2, 3)], ASSETS, "", [])
+    assert isinstance(outcome, NoReply)
+    for text in ("segment 1: asset 'Mylk' is not in the list", "HOPE/Milk.urdf", "id 2): match", "with the id 3"):
+        assert text in outcome.problem
 
 
 def test_a_task_may_name_assets_as_the_photo_shows_them(tmp_path: Path) -> None:

@@ -54,7 +54,7 @@ ASK: dict[str, Callable[[Agents], Any]] = {
     "group": lambda agents: roles.group_segments(
         agents, [{"id": number, "box": [1, 2, 3, 4]} for number in (1, 2)], (640, 480), "none", []
     ),
-    "match": lambda agents: roles.match_asset(agents, {"id": 3}, [{"name": "a"}], []),
+    "match": lambda agents: roles.match_segments(agents, [{"id": 3}], [{"name": "a"}], "(none)", []),
     "task": lambda agents: roles.author_task(agents, {"objects": [{"asset": "a"}]}, [], []),
     "route": lambda agents: roles.decide_what_to_fix(agents, judged(), ("fix_code", "fix_test")),
     "fix_task": lambda agents: roles.fix_task(agents, judged(), [{"asset": "a"}], []),
@@ -63,7 +63,7 @@ ASK: dict[str, Callable[[Agents], Any]] = {
 MEANT: dict[str, Any] = {
     "describe": {3: Description.model_validate(SEGMENT)},
     "group": Grouping(merge=((1, 2),), split=(), drop=(), missing=()),
-    "match": Match(match="asset", asset="a", reason="red"),
+    "match": {3: Match(match="asset", asset="a", reason="red")},
     "task": TaskDefinition.model_validate(TASK),
     "route": RouterReply(verdict="fix_code", explanation="The oracle falls short."),
     "judge": WordsJudgement(verdict="agrees", reason="it does"),

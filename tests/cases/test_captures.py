@@ -25,13 +25,11 @@ def test_a_mistake_is_named_in_one_line(tmp_path: Path, name: str, words: str) -
 
 
 def test_distance_along_the_ray_is_converted_and_told(tmp_path: Path) -> None:
-    quick = ("--set", "tools.match=match_text")
-    done = grs("scene", str(copy_case("depth_ray_distance", tmp_path)), "--out", "out", *quick, folder=tmp_path)
+    done = grs("scene", str(copy_case("depth_ray_distance", tmp_path)), "--out", "out", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "distance along the ray" in (tmp_path / "out" / "scene.json").read_text(encoding="utf-8")
 
 
 def test_three_equal_channels_of_16_bits_are_depth(tmp_path: Path) -> None:
-    quick = ("--set", "tools.match=match_text")  # which asset stands for a thing is not the subject
-    done = grs("scene", str(copy_case("depth_three_channels", tmp_path)), "--out", "out", *quick, folder=tmp_path)
+    done = grs("scene", str(copy_case("depth_three_channels", tmp_path)), "--out", "out", folder=tmp_path)
     assert done.returncode == 0, done.stderr

@@ -4,6 +4,7 @@ import json
 import shutil
 import sys
 from pathlib import Path
+from threading import Barrier
 from types import SimpleNamespace
 from typing import Any
 
@@ -216,3 +217,23 @@ def test_names_in_other_scripts_stay_in_the_words(tmp_path: Path) -> None:
     assert set(told) == {"zvezda", "ringo", "u9a6c_u514b_u676f"}
     assert "звезда" in told["zvezda"] and "りんご" in told["ringo"] and "马克杯" in told["u9a6c_u514b_u676f"]
     assert grs("assets", "verify", folder=tmp_path).returncode == 0
+
+
+def test_assets_are_described_at_once_and_told_in_their_order(tmp_path: Path, scripted_server: Any) -> None:
+    pytest.importorskip("langchain_openai")
+    (tmp_path / "shapes").mkdir()
+    names = ("brick", "slab", "tile")
+    for number, name in enumerate(names, 1):
+        trimesh.creation.box((0.1, 0.1, 0.02 * number)).export(tmp_path / "shapes" / f"{name}.stl")
+    done = grs("assets", "import", "shapes", "--library", "mine", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    together = Barrier(len(names), timeout=60)
+    scripted_server.arrived = lambda: together.wait() and None
+    model = ["--set", "models.default=openai:any", "--set", f"models.base_url={scripted_server.url}"]
+    done = grs("assets", "describe", "--library", "mine", "--yes", *model, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert [line.partition(":")[0] for line in done.stdout.splitlines()] == [f"shapes/{name}.urdf" for name in names]
+    described = [
+        tmp_path / "mine" / "assets" / "library" / "shapes" / "descriptions" / f"{name}.json" for name in names
+    ]
+    assert all(json.loads(file.read_text())["model"] == "openai:any" for file in described)

@@ -62,7 +62,7 @@ def command(*arguments: str) -> list[str]:
 
 def asking(server: Any) -> list[str]:
     """Options that make the scripted server every role's model, the matcher's too."""
-    names = ["models.default=openai:any", f"models.base_url={server.url}", "tools.match=match_both"]
+    names = ["models.default=openai:any", f"models.base_url={server.url}", "match.describe=each"]
     return [part for name in names for part in ("--set", name)]
 
 

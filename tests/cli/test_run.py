@@ -169,8 +169,7 @@ def _text(file: Path) -> str:
 
 
 def test_another_provider_carries_a_whole_run(tmp_path: Path, small_scene: Path, scripted_server: Any) -> None:
-    asked = [*settings(scripted_server), "--set", "tools.match=match_both"]
-    done = grs("run", str(small_scene), "--out", "run", "--json", *asked, folder=tmp_path)
+    done = grs("run", str(small_scene), "--out", "run", "--json", *settings(scripted_server), folder=tmp_path)
     assert done.returncode == 0, done.stderr
     record = json.loads(done.stdout)
     assert record["counts"]["model_calls"] == len(scripted_server.roles)

@@ -32,7 +32,6 @@ def photo(small_scene: Path) -> dict[str, Any]:
     }
 
 
-QUICK = ("--set", "tools.match=match_text")
 """Which asset stands for a thing is not what these are about."""
 
 
@@ -44,7 +43,7 @@ def comprehended(folder: Path, source: str, *options: str) -> dict[str, Any]:
 
 def test_an_archive_with_its_own_masks(tmp_path: Path, photo: dict[str, Any]) -> None:
     np.savez_compressed(tmp_path / "table.npz", **photo)
-    scene = comprehended(tmp_path, "table.npz", "--set", "tools.segment=segment_masks", *QUICK)
+    scene = comprehended(tmp_path, "table.npz", "--set", "tools.segment=segment_masks")
     assert scene["frame"]["origin"] == "calibrated"
     assert len(scene["objects"]) + len(scene["dropped"]) == photo["masks"].max()
     assert all(one["reachable"] for one in scene["objects"])
@@ -58,7 +57,7 @@ def test_a_data_set_and_what_is_out_of_reach(tmp_path: Path, photo: dict[str, An
         cv2.imwrite(str(scene / name / "000007.png"), image)
     entry = {"cam_K": photo["K"].reshape(-1).tolist(), "depth_scale": 1.0}
     (scene / "scene_camera.json").write_text(json.dumps({"7": entry}))
-    told = comprehended(tmp_path, "bop:set/test/1/7", *QUICK)
+    told = comprehended(tmp_path, "bop:set/test/1/7")
     assert told["frame"]["origin"] == "table_plane"
     assert told["source"] == "bop:set/test/1/7"
     away = {one["name"] for one in told["objects"] if not one["reachable"]}
@@ -69,7 +68,7 @@ def test_a_calibrated_camera_far_away_leaves_objects_out_of_reach(tmp_path: Path
     moved = photo["T_robot_cam"].copy()
     moved[0, 3] += 0.35
     np.savez_compressed(tmp_path / "table.npz", **(photo | {"T_robot_cam": moved}))
-    told = comprehended(tmp_path, "table.npz", *QUICK)
+    told = comprehended(tmp_path, "table.npz")
     away = {one["name"] for one in told["objects"] if not one["reachable"]}
     assert away
     assert {line.split()[0] for line in told["warnings"] if "out of the arm's reach" in line} == away

@@ -240,7 +240,7 @@ def groceries(tmp_path_factory: pytest.TempPathFactory) -> tuple[Done, Path]:
     folder = tmp_path_factory.mktemp("groceries")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("COLUMNS", "80")
-        return grs("scene", "groceries", "--out", LONG, "--set", "tools.match=match_text", folder=folder), folder / LONG
+        return grs("scene", "groceries", "--out", LONG, folder=folder), folder / LONG
 
 
 def test_a_sample_scene_is_found_by_its_name(tmp_path: Path, groceries: tuple[Done, Path]) -> None:

@@ -24,6 +24,7 @@ from grs_agents.base.trace.log import EventLog, read_events
 from grs_agents.graph.recognition import NO_PICTURES, describe_segments
 from grs_agents.graph.services import Photo, Services
 from grs_agents.graph.state import TableObject
+from grs_agents.perception.annotated_pictures import group_segments_for_sheets, write_segment_sheet
 from grs_agents.perception.picture_files import load_mask, save_candidates, save_frame
 from grs_agents.perception.segmentation.candidates import measure_candidates
 from grs_agents.perception.types import Mask
@@ -138,7 +139,7 @@ def test_a_model_that_takes_no_pictures_is_told_of_none(table: Table, way: str) 
 def test_all_segments_are_asked_at_once_and_answers_are_ordered_by_number(table: Table) -> None:
     together = Barrier(3, timeout=60)
     eyes = Eyes(says={}, spoilt=(2,), meet=_once_each(together))
-    found = describe_segments(table.records, 4, table.photo, table.services(eyes))
+    found = describe_segments(table.records, 4, table.photo, table.services(eyes, describe="each"))
     assert list(found.descriptions) == [1, 2, 3] == [one.id for one in found.objects]
     assert found.descriptions[2].description.startswith("an undescribed")
     assert [found.descriptions[one].description for one in (1, 3)] == ["thing 1", "thing 3"]
@@ -241,7 +242,7 @@ def test_a_number_that_is_no_segment_is_asked_about_again(table: Table) -> None:
 def test_a_sheet_asks_about_all_segments_in_one_call(table: Table) -> None:
     asked: list[list[int]] = []
     eyes = Eyes(says={}, meet=asked.append)
-    found = describe_segments(table.records, 4, table.photo, table.services(eyes, describe="sheet"))
+    found = describe_segments(table.records, 4, table.photo, table.services(eyes))
     assert asked == [[1, 2, 3]]
     assert [one.description for one in found.descriptions.values()] == ["thing 1", "thing 2", "thing 3"]
     (prompt,) = table.prompts()
@@ -249,3 +250,27 @@ def test_a_sheet_asks_about_all_segments_in_one_call(table: Table) -> None:
     assert sheet is not None and numbered is not None
     assert numbered.shape == table.photo[0].rgb.shape
     assert sheet.shape == (512, 512, 3)
+
+
+def test_segments_of_a_sheet_that_is_never_answered_are_asked_about_one_by_one(table: Table) -> None:
+    asked: list[list[int]] = []
+    eyes = Eyes(says={}, spoilt=(2,), meet=asked.append)
+    found = describe_segments(table.records, 4, table.photo, table.services(eyes))
+    assert asked[:3] == [[1, 2, 3]] * 3 and sorted(asked[3:]) == [[1], [2], [2], [2], [3]]
+    assert [found.descriptions[one].description for one in (1, 3)] == ["thing 1", "thing 3"]
+    (note,) = found.notes
+    assert note.startswith("candidate 2: the describe model gave no usable reply")
+
+
+@pytest.mark.parametrize(("side", "count", "sizes"), [(120, 36, [36]), (120, 37, [18, 19]), (400, 10, [5, 5])])
+def test_a_sheet_holds_as_many_crops_as_are_legible(table: Table, side: int, count: int, sizes: list[int]) -> None:
+    """36 crops of 170 pixels at most; of large crops 9, which are reduced to 341."""
+    record = table.records[0]
+    cv2.imwrite(str(table.folder / record.crop), np.full((side, side // 2, 3), 200, np.uint8))
+    records = [record.model_copy(update={"id": number}) for number in range(1, count + 1)]
+    groups = group_segments_for_sheets(records, table.folder)
+    assert [len(group) for group in groups] == sizes
+    assert [one.id for group in groups for one in group] == list(range(1, count + 1))
+    sheet = cv2.imread(str(table.folder / write_segment_sheet(groups[0], table.folder)))
+    assert sheet is not None and max(sheet.shape) <= 1024
+    assert sheet.shape[1] // int(np.ceil(len(groups[0]) ** 0.5)) >= min(side, 341) >= 120

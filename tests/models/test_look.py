@@ -13,7 +13,7 @@ from langchain_core.messages import HumanMessage
 
 from grs_agents.models.offline.chat import OfflineChatModel
 from tests.models.conftest import Json, render
-from tests.models.roles import as_text, block
+from tests.models.roles import block
 
 ASSETS: list[Json] = [
     {"name": f"HOPE/{name}.urdf", "description": description, "color": color, "category": category, "size": size}
@@ -70,8 +70,8 @@ def test_slivers_and_furniture_are_no_objects(size: tuple[float, float, float]) 
     assert (
         ask("describe", {"pictures": "", "segments": json.dumps(measured(size, (0.5, 0.5, 0.5)))})["is_object"] is False
     )
-    candidate = as_text(described(size, "gray"))
-    assert ask("match", {"candidate": candidate, "assets": ""})["match"] == "no_object"
+    asked = {"segments": json.dumps(described(size, "gray")), "assets": "", "pictures": ""}
+    assert ask("match", asked)["match"] == "no_object"
 
 
 @settings(max_examples=40, deadline=None)
@@ -90,7 +90,7 @@ def test_every_measurement_gets_a_whole_description(
 
 def match(candidate: Json) -> Json:
     lines = "\n".join(json.dumps(asset) for asset in ASSETS)
-    return ask("match", {"candidate": as_text(candidate), "assets": lines})
+    return ask("match", {"segments": json.dumps(candidate), "assets": lines, "pictures": ""})
 
 
 def test_the_asset_of_the_same_size_shape_and_colour_is_named() -> None:

@@ -124,7 +124,7 @@ class ToolsConfig(Frozen):
 
     segment: str = "segment_rgbd"
     depth: str = "depth_given"
-    match: str = "match_features"
+    match: str = "match_hybrid"
     shape: str = "shape_seen"
 
 
@@ -196,8 +196,8 @@ class MatchConfig(Frozen):
     ocr: Annotated[bool, Portable()] = True
     # the folder of an index of the library (`grs assets index`)
     index: str | None = Field(default=None, max_length=4096)
-    # ask the describer about `each` segment, or about all in a single call with a numbered picture (`sheet`)
-    describe: Annotated[Literal["each", "sheet"], Portable()] = "each"
+    # show a describer that sees as many segments as are legible on a numbered `sheet` at once, or `each` by itself
+    describe: Annotated[Literal["each", "sheet"], Portable()] = "sheet"
     # replace an unmatched object by a proxy of its size and look; if false, it is left out
     proxies: Annotated[bool, Portable()] = True
 

@@ -21,7 +21,7 @@ from grs_agents.models.offline.describer_and_matcher import (
     describe_asset,
     describe_segments,
     extract_message_images,
-    match_asset,
+    match_segments,
 )
 from grs_agents.models.offline.judging.judge import judge_words
 from grs_agents.models.offline.mistakes import Program, introduce_suitable_mistake
@@ -35,7 +35,7 @@ ROLES: Mapping[str, ReplyFunction] = {
     "group": lambda prompt, pictures, rng: _SEGMENTATION_STAYS,
     "describe": lambda prompt, pictures, rng: describe_segments(prompt, pictures),
     "describe_asset": lambda prompt, pictures, rng: describe_asset(prompt),
-    "match": lambda prompt, pictures, rng: match_asset(prompt),
+    "match": lambda prompt, pictures, rng: match_segments(prompt),
     "task": lambda prompt, pictures, rng: author_task(prompt, rng),
     "simulation": lambda prompt, pictures, rng: author_simulation(prompt),
     "tests": lambda prompt, pictures, rng: author_tests(prompt),

@@ -92,23 +92,26 @@ def describe_segments(prompt: PromptText, pictures: Sequence[bytes]) -> str:
     return _format_json_block(*descriptions)
 
 
-def match_asset(prompt: PromptText) -> str:
-    """Reply to the ``match_asset`` prompt: the asset of the same size, colour and shape, if it is unique."""
-    candidate = prompt.section_json("candidate")
-    size = _parse_measured_size(candidate)
-    if candidate.get("is_object") is False or (size is not None and not _is_plausible_object(size, candidate)):
-        return _format_json_block({"match": "no_object", "asset": None, "reason": "the segment is no plausible object"})
-    wording = " ".join(str(candidate.get(key, "")) for key in ("description", "category", "shape", "color"))
-    scores = sorted(_score_asset_differences(size, wording, prompt.section_json_rows("assets"))) if size else []
+def match_segments(prompt: PromptText) -> str:
+    """Reply to the ``match`` prompt: for each segment the asset of the same size, colour and shape, if it is unique."""
+    assets = prompt.section_json_rows("assets")
+    return _format_json_block(*(_match_segment(segment, assets) for segment in prompt.section_json_rows("segments")))
+
+
+def _match_segment(segment: Json, assets: Sequence[Json]) -> Json:
+    number, size = segment.get("id"), _parse_measured_size(segment)
+    if size is not None and not _is_plausible_object(size, segment):
+        return {"id": number, "match": "no_object", "asset": None, "reason": "the segment is no plausible object"}
+    wording = " ".join(str(segment.get(key, "")) for key in ("description", "category", "shape", "color"))
+    scores = sorted(_score_asset_differences(size, wording, assets)) if size else []
     if not scores:
-        return _format_json_block(
-            {"match": "no_asset", "asset": None, "reason": "no asset of this size, shape and colour"}
-        )
-    if len(scores) > 1 and scores[1][0] < scores[0][0] + LEAD:
-        names = " and ".join(name for _, name in scores[:3])
-        return _format_json_block({"match": "no_asset", "asset": None, "reason": f"{names} fit equally well"})
-    reason = f"size, shape and colours agree, at {100 * scores[0][0]:.0f} % of what is allowed to differ"
-    return _format_json_block({"match": "asset", "asset": scores[0][1], "reason": reason})
+        reason = "no asset of this size, shape and colour"
+    elif len(scores) > 1 and scores[1][0] < scores[0][0] + LEAD:
+        reason = f"{' and '.join(name for _, name in scores[:3])} fit equally well"
+    else:
+        reason = f"size, shape and colours agree, at {100 * scores[0][0]:.0f} % of what is allowed to differ"
+        return {"id": number, "match": "asset", "asset": scores[0][1], "reason": reason}
+    return {"id": number, "match": "no_asset", "asset": None, "reason": reason}
 
 
 def _score_asset_differences(

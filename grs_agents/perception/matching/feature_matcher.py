@@ -1,5 +1,6 @@
 """Match by features: measurements of the camera against the assets of the library, without a model."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from grs_agents.base.errors import InputError
@@ -17,7 +18,7 @@ from grs_agents.perception.matching.asset_ranking import (
 from grs_agents.perception.matching.color_agreement import DAYLIGHT
 from grs_agents.perception.matching.printed_text import load_ocr_reader, read_words
 from grs_agents.perception.matching.segment_features import SegmentFeatures, extract_segment_features
-from grs_agents.perception.matching.types import MatchRequest, MatchResult
+from grs_agents.perception.matching.types import BY_FEATURES, MatchRequest, MatchResult
 from grs_agents.perception.types import MatchEvidence
 
 _LOOKED_UP = 40  # number of assets of an index that are compared with each candidate
@@ -29,22 +30,27 @@ def matchable_assets(library: Library) -> tuple[Asset, ...]:
     return tuple(asset for asset in library.everyday_assets() if asset.category != "proxy")
 
 
-def match_by_features(request: MatchRequest, library: Library, method: str) -> MatchResult:
+def match_by_features(request: MatchRequest, library: Library) -> MatchResult:
     """The likeliest asset for each candidate; ``no_asset`` where it is more likely wrong than right.
 
     Raises:
         InputError: the files of an asset are faulty.
     """
+    use: Use = "all" if request.sized else "no size"
+    return MatchResult(decide_by_features(rank_assets_per_segment(request, library, use)))
+
+
+def decide_by_features(ranking: Mapping[int, tuple[RankedAssets, str]]) -> dict[int, MatchEvidence]:
+    """The answers that follow from the rankings of `rank_assets_per_segment`, by number."""
     matches: dict[int, MatchEvidence] = {}
-    ranking = rank_assets_per_segment(request, library, "all" if request.sized else "no size")
     for number, (ranked, implausible) in ranking.items():
-        scores = round_scores(ranked)
+        scores = {name: round(value, 4) for name, value in zip(ranked.names[:TOLD], ranked.likelihoods, strict=False)}
         if implausible:
-            matches[number] = MatchEvidence(match="no_object", method=method, scores=scores, reason=implausible)
+            matches[number] = MatchEvidence(match="no_object", method=BY_FEATURES, scores=scores, reason=implausible)
             continue
         if not ranked.names:
             reason = "there is no asset to compare it with"
-            matches[number] = MatchEvidence(match="no_asset", method=method, reason=reason)
+            matches[number] = MatchEvidence(match="no_asset", method=BY_FEATURES, reason=reason)
             continue
         sure, (first, *others) = ranked.confidences[0], ranked.names
         reason = f"{100 * sure:.0f} % certain: {ranked.reasons[0]}"
@@ -52,18 +58,13 @@ def match_by_features(request: MatchRequest, library: Library, method: str) -> M
         matches[number] = MatchEvidence(
             match="no_asset" if wrong else "asset",
             asset=None if wrong else first,
-            method=method,
+            method=BY_FEATURES,
             confidence=round(1 - sure if wrong else sure, 4),
             scores=scores,
             runner_up=first if wrong else (others[0] if others else None),
             reason=f"{first} is {reason}" if wrong else reason,
         )
-    return MatchResult(matches)
-
-
-def round_scores(ranked: RankedAssets) -> dict[str, float]:
-    """The likelihoods of the first `TOLD` assets, by name."""
-    return {name: round(value, 4) for name, value in zip(ranked.names[:TOLD], ranked.likelihoods, strict=False)}
+    return matches
 
 
 def rank_assets_per_segment(

@@ -1,6 +1,6 @@
 """Request and result of a match tool."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,9 +19,11 @@ class Segment:
     points: int  # number of its pixels with depth
 
 
-Ask = Callable[[Segment, Sequence[Shown], bool, bool], MatchEvidence]
-"""Ask the model of the role ``match``. Arguments: the segment, the assets in the order of the prompt, with or without
-its description, with or without its picture. Without a usable reply the answer is ``no_asset`` with the reason."""
+BY_FEATURES = "match_features"
+"""Method of the answers that measured features alone gave, size among them."""
+Ask = Callable[[Sequence[Segment], Sequence[Shown]], Mapping[int, MatchEvidence]]
+"""Ask the model of the role ``match`` about segments, among assets in the order of the prompt. The answers are by
+number; there is none without a usable reply."""
 
 
 @dataclass(frozen=True)
@@ -31,8 +33,8 @@ class MatchRequest:
     segments: Sequence[Segment]
     frame: RGBDFrame  # the photo
     table: TableFrame  # the table in it
-    ask: Ask  # asks a model, for the tools that need one
-    seed: int = 0  # of the order in which assets are shown to a model
+    ask: Ask | None = None  # asks a model that sees, if there is one
+    seed: int = 0  # of random views
     model: str | None = None  # folder of the weights that a tool needs, if any
     ocr: bool = True  # read printed text, where the tool can
     sized: bool = True  # use size and place; false only in ablations

@@ -1,11 +1,12 @@
 """Proxies: textured meshes with colliders, from a reconstructed shape or as primitives of the measured size.
 
-`write_proxy` writes a proxy into the library of a run.
+`write_proxy` writes a proxy into the library of a run, `write_scaled_asset` a scaled copy of an asset.
 """
 
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from grs_agents.base.geometry.transforms import to_vec3
 from grs_agents.library.asset import MANIFEST, Asset, AssetManifest, read_manifest
 from grs_agents.library.colors import color_name_from_rgb
 from grs_agents.library.formats.urdf import format_urdf_text
+from grs_agents.library.library import Library
 from grs_agents.library.mesh_files import box_inertia, encode_png, mesh_volume
 from grs_agents.library.shapes import Shape, shape_bounds
 from grs_agents.perception.proxies.meshes import box_mesh, hull_mesh, join_meshes, mesh_to_obj_text, revolved_mesh
@@ -154,10 +156,56 @@ def write_proxy(root: Path, slug: str, proxy: Proxy, description: str) -> Asset:
             colliders.append(_make_mesh_shape(name))
     inertia = box_inertia(size, mass)
     text = format_urdf_text(slug, [visual], colliders, mass=mass, friction=_FRICTION, inertia=inertia, folder="proxy")
+    _write_urdf_and_entry(root, asset, text)
+    return asset
+
+
+def write_scaled_asset(root: Path, slug: str, name: str, library: Library, factor: float) -> Asset:
+    """Write ``root/scaled/<slug>.urdf``, a uniformly scaled copy of an asset, and its entry in ``root/manifest.json``.
+
+    It has copies of the asset's meshes and textures, and its kind, category and density.
+
+    Args:
+        root: the library folder to write into.
+        slug: as in `write_proxy`.
+        name: of the asset.
+        library: of the asset.
+        factor: the ratio of all lengths.
+
+    Raises:
+        InputError: a file of the asset is gone, or the folder cannot be written.
+    """
+    asset, model = library.asset(name), library.load_object_model(name)
+    copies: dict[str, str] = {}
+    for shape in (*model.visuals, *model.colliders):
+        for file in filter(None, (shape.mesh, shape.texture)):
+            copies.setdefault(file, f"scaled/{slug}_{len(copies):02d}{Path(file).suffix}")
+    for file, copy in copies.items():
+        write_bytes(root / copy, library.mesh_or_texture_path(file).read_bytes())
+
+    def scale(shape: Shape) -> Shape:
+        update: dict[str, Any] = {"size": tuple(factor * extent for extent in shape.size)}
+        update |= {"position": to_vec3(factor * np.array(shape.position))}
+        files = {"mesh": shape.mesh, "texture": shape.texture}
+        return shape.model_copy(update=update | {key: copies[file] for key, file in files.items() if file})
+
+    size, mass = to_vec3((factor * np.array(asset.size)).round(5)), round(asset.mass * factor**3, 4)
+    update = {"name": f"scaled/{slug}.urdf", "size": size, "mass": mass, "everyday": False, "physics": None}
+    scaled = asset.model_copy(update={**update, "origin": None})
+    visuals, colliders = ([scale(shape) for shape in shapes] for shapes in (model.visuals, model.colliders))
+    inertia = box_inertia(size, mass)
+    text = format_urdf_text(
+        slug, visuals, colliders, mass=mass, friction=asset.friction, inertia=inertia, folder="scaled"
+    )
+    _write_urdf_and_entry(root, scaled, text)
+    return scaled
+
+
+def _write_urdf_and_entry(root: Path, asset: Asset, text: str) -> None:
+    """Write the URDF ``text`` of an asset and its entry in the manifest, in place of an earlier asset of that name."""
     write_text(root / asset.name, text)
     earlier = tuple(old for old in read_manifest(root).assets if old.name != asset.name)
     write_json(root / MANIFEST, AssetManifest(assets=(*earlier, asset)).model_dump(mode="json"))
-    return asset
 
 
 def _make_mesh_shape(file: str) -> Shape:

@@ -30,7 +30,7 @@ CHANGED: dict[str, Any] = {
     "scene.group": "off",
     "camera.intrinsics": "realsense-d435",
     "camera.rectified": True,
-    "match.describe": "sheet",
+    "match.describe": "each",
     "segment.prompts": ["a mug"],
 }
 """Values that differ from the default where adding to a number or turning a truth value does not make them."""

@@ -28,15 +28,15 @@ def test_orders_are_for_each_method_model_and_run(sample_scene: Path) -> None:
 
 
 def test_a_scene_is_matched_once(small_scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    orders = match_orders(orders_of([str(small_scene)], MeasurementOptions(""), 1), ["hybrid"], ["offline"], 1, [])
+    orders = match_orders(orders_of([str(small_scene)], MeasurementOptions(""), 1), ["both"], ["offline"], 1, [])
     assert run_match_orders(orders, started(tmp_path), ["offline=1,2"]) == 0
     figures = json.loads(capsys.readouterr().out)
     assert json.loads((tmp_path / "figures.json").read_text()) == figures
     (row,) = figures["table"]
-    assert (row["method"], row["scenes"], row["runs"]) == ("hybrid", 1, 1)
+    assert (row["method"], row["scenes"], row["runs"]) == ("both", 1, 1)
     assert float(row["F1"]) >= 0.8
     assert float(row["cost"]) > 0
-    for name in ("table1.md", "table1.csv", "objects.csv", "confusions.csv", "f1.png", "sheet-hybrid.png"):
+    for name in ("table1.md", "table1.csv", "objects.csv", "confusions.csv", "f1.png", "sheet-both.png"):
         assert (tmp_path / name).stat().st_size > 0
     files = [matching_file(tmp_path, order) for order in orders]
     before = [file.stat().st_mtime_ns for file in files]

@@ -77,7 +77,7 @@ def test_imported_things_are_found_again_in_a_photo(
     assert len(library.everyday_assets()) == 7
     recipe = Recipe(seed=1, objects=7, distractors=0, tilt=40, width=480, height=360)
     request, names = request_of(recipe, library, ocr=False)
-    found = match_by_features(request, library, "match_features").matches
+    found = match_by_features(request, library).matches
     told = {name: found[number].asset for number, name in names.items()}
     assert len(told) == 7
     assert sum(name == asset for name, asset in told.items()) >= 6, told

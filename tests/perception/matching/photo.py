@@ -12,7 +12,7 @@ from grs_agents.perception.table_finding import find_table
 from grs_agents.perception.types import MatchEvidence, RGBDFrame
 
 
-def unasked(*_: object) -> MatchEvidence:
+def unasked(*_: object) -> dict[int, MatchEvidence]:
     """A model that must not be asked."""
     raise AssertionError("the model was asked")
 

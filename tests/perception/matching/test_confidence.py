@@ -64,7 +64,7 @@ def test_an_asset_that_the_library_lacks_is_not_named_with_confidence() -> None:
     assert ranked[number].names[0] == names[number]
     assert ranked[number].confidences[0] > 0.7
     library.gone = names[number]
-    answer = match_by_features(request, library, "match_features").matches[number]
+    answer = match_by_features(request, library).matches[number]
     assert rank_assets_per_segment(request, library)[number][0].confidence_of(names[number]) == 0
     assert answer.match == "no_asset"
     assert answer.runner_up is not None

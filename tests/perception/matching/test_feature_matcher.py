@@ -2,6 +2,7 @@
 
 import shutil
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +14,7 @@ from grs_agents.library.asset import AssetManifest
 from grs_agents.library.library import Library
 from grs_agents.perception.matching.clip_matcher import Picture, match_by_clip, open_clip_embedder
 from grs_agents.perception.matching.feature_matcher import match_by_features, matchable_assets
-from grs_agents.perception.matching.model_matcher import (
-    match_by_features_and_model,
-    match_by_model,
-    shuffle_assets_for_prompt,
-)
+from grs_agents.perception.matching.model_matcher import match_by_features_and_model
 from grs_agents.perception.matching.types import MatchRequest, Segment
 from grs_agents.perception.types import MatchEvidence, Shown
 from tests.perception.matching.photo import request_of, unasked
@@ -33,7 +30,7 @@ def photo() -> tuple[MatchRequest, dict[int, str]]:
 
 def test_features_find_most_assets_and_leave_the_strange_alone(photo: tuple[MatchRequest, dict[int, str]]) -> None:
     request, names = photo
-    found = match_by_features(request, LIBRARY, "match_features").matches
+    found = match_by_features(request, LIBRARY).matches
     right = [number for number, name in names.items() if name and found[number].asset == name]
     assert len(right) >= 2
     for number in right:
@@ -53,40 +50,32 @@ def test_a_sliver_is_no_object(photo: tuple[MatchRequest, dict[int, str]]) -> No
     flat = one.upright.model_copy(update={"size": (0.1, 0.05, 0.002)})
     thin = Segment(one.id, one.mask, flat, one.crop, one.points)
     alone = MatchRequest([thin], request.frame, request.table, unasked)
-    assert match_by_features(alone, LIBRARY, "match_features").matches[one.id].match == "no_object"
+    assert match_by_features(alone, LIBRARY).matches[one.id].match == "no_object"
 
 
-def test_a_model_is_shown_everything_in_a_seeded_order(photo: tuple[MatchRequest, dict[int, str]]) -> None:
-    request, _ = photo
-    told: list[tuple[int, list[str], bool, bool]] = []
+def test_a_model_is_asked_once_among_likely_assets_in_the_order_of_the_library(
+    photo: tuple[MatchRequest, dict[int, str]],
+) -> None:
+    request, names = photo
+    told: list[tuple[list[int], list[str]]] = []
 
-    def ask(segment: Segment, assets: Sequence[Shown], worded: bool, pictured: bool) -> MatchEvidence:
-        told.append((segment.id, [one.name for one in assets], worded, pictured))
-        return MatchEvidence(match="asset", asset=assets[0].name, reason="the first")
+    def ask(segments: Sequence[Segment], assets: Sequence[Shown]) -> dict[int, MatchEvidence]:
+        told.append(([one.id for one in segments], [one.name for one in assets]))
+        return {segments[0].id: MatchEvidence(match="asset", asset=assets[0].name, confidence=0.95, reason="its words")}
 
-    asked = MatchRequest(request.segments, request.frame, request.table, ask, seed=4)
-    found = match_by_model(asked, LIBRARY, "match_image", worded=False, pictured=True).matches
-    everything = sorted(one.name for one in matchable_assets(LIBRARY))
-    assert all(sorted(names) == everything and not worded and pictured for _, names, worded, pictured in told)
-    assert len({tuple(names) for _, names, _, _ in told}) == len(told)
-    assert {one.method for one in found.values()} == {"match_image"}
-    assert shuffle_assets_for_prompt(matchable_assets(LIBRARY), 4, 1) == shuffle_assets_for_prompt(
-        matchable_assets(LIBRARY), 4, 1
+    found = match_by_features_and_model(replace(request, ask=ask), LIBRARY, "match_hybrid").matches
+    ((numbers, shown),) = told
+    assert numbers == [one.id for one in request.segments]
+    assert shown == [one.name for one in matchable_assets(LIBRARY) if one.name in shown]
+    known = [name for name in names.values() if name in {one.name for one in matchable_assets(LIBRARY)}]
+    assert len(set(known) & set(shown)) >= 0.9 * len(set(known))
+    answered, *silent = (found[number] for number in numbers)
+    assert (answered.asset, answered.confidence, answered.method) == (shown[0], 0.95, "match_hybrid")
+    assert len(answered.scores) == 5 and answered.runner_up != shown[0]
+    assert {one.method for one in silent} == {"match_features"}
+    assert match_by_features_and_model(replace(request, ask=None), LIBRARY, "match_hybrid") == match_by_features(
+        request, LIBRARY
     )
-
-
-def test_the_hybrid_shows_five(photo: tuple[MatchRequest, dict[int, str]]) -> None:
-    request, _ = photo
-    counts: list[int] = []
-
-    def ask(segment: Segment, assets: Sequence[Shown], worded: bool, pictured: bool) -> MatchEvidence:
-        counts.append(len(assets))
-        return MatchEvidence(match="no_object", reason="a shadow")
-
-    asked = MatchRequest(request.segments[:1], request.frame, request.table, ask)
-    found = match_by_features_and_model(asked, LIBRARY, "match_hybrid").matches
-    assert counts == [5]
-    assert [one.match for one in found.values()] == ["no_object"]
 
 
 def test_clip_takes_the_most_similar_or_none(photo: tuple[MatchRequest, dict[int, str]], tmp_path: Path) -> None:

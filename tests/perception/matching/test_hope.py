@@ -48,7 +48,7 @@ def test_each_kind_matches_itself(hope: Library) -> None:
     for seed in (1, 2):
         recipe = Recipe(seed=seed, objects=13, distractors=0, tilt=45, width=640, height=480)
         request, names = request_of(recipe, hope, ocr=False)
-        found = match_by_features(request, hope, "match_features").matches
+        found = match_by_features(request, hope).matches
         known |= {name for number, name in names.items() if found[number].asset == name}
     assert known == {one.name for one in hope.everyday_assets()}
 
@@ -77,7 +77,7 @@ def _matched(scene: LabelledScene, library: Library) -> tuple[int, int, int]:
             names[one.id] = truth[label]
             segments.append(Segment(one.id, one.mask, one.upright, Path("crop.png"), one.points))
     request = MatchRequest(segments, scene.frame, table, unasked, ocr=False)
-    found = match_by_features(request, library, "match_features").matches
+    found = match_by_features(request, library).matches
     right = sum(bool(name) and found[number].asset == name for number, name in names.items())
     wrong = sum(found[number].asset is not None for number in names) - right
     return right, wrong, sum(bool(name) for name in truth.values()) - right
