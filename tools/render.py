@@ -24,6 +24,8 @@ MARK = (255, 0, 255)
 """The colour of outlines."""
 _LINE = 2
 """Their width in pixels."""
+_PHOTO_SIDE = 800
+"""Longer side of a picture through the photo's camera, in pixels."""
 
 
 class Request(ToolRequest):
@@ -43,6 +45,10 @@ class Request(ToolRequest):
     """With textures, light and table as films show them, without the robot; nothing is simulated then."""
     marked: tuple[int, ...] = ()
     """Ids of objects to outline."""
+    boxed: tuple[int, ...] = ()
+    """Ids of objects whose boxes are returned without an outline."""
+    from_photo: bool = False
+    """Through the photo's camera, which the instance must have, with textures; the other lens is ignored."""
     position: Vec3 = (1.35, 0.0, 0.75)
     """Of the camera, metres, robot frame."""
     target: Vec3 = (0.45, 0.0, 0.05)
@@ -54,7 +60,7 @@ class Request(ToolRequest):
 
 
 class Result(Frozen):
-    """The picture's file, or why there is none; and where the marked objects that can be seen are in it.
+    """The picture's file, or why there is none; and where the marked and boxed objects that can be seen are in it.
 
     Attributes:
         image: the file.
@@ -102,20 +108,26 @@ def _draw_scene(asked: Request, limits: Limits) -> tuple[bytes, dict[int, Box]]:
     if asked.poses is not None:
         placed = [item.model_copy(update={"pose": asked.poses.get(item.id, item.pose)}) for item in instance.objects]
         instance = instance.model_copy(update={"objects": tuple(placed)})
-    if asked.textured:
-        picture = _draw_textured(instance, library, view)
+    if asked.textured or asked.from_photo:
+        picture = _draw_textured(instance, library, None if asked.from_photo else view)
     else:
         picture = render_views(_prepare_visible_scene(asked, instance, library), [view])[0]
     boxes = {number: box for number in asked.marked if (box := _outline_object(picture, number)) is not None}
+    boxes |= {number: box for number in asked.boxed if (box := _find_box(picture.owner == number)) is not None}
     return encode_png(picture.color), boxes
 
 
-def _draw_textured(instance: "TaskInstance", library: Library, view: "LookAtCamera") -> "RenderedImage":
-    from grs_agents.sim.rendering.cameras import lens_from_field_of_view, view_pose
+def _draw_textured(instance: "TaskInstance", library: Library, view: "LookAtCamera | None") -> "RenderedImage":
+    """Draw through the lens of ``view``, or of the photo's camera."""
+    from grs_agents.sim.rendering.cameras import lens_from_field_of_view, photo_lens_and_pose, view_pose
     from grs_agents.sim.rendering.pictures import render_from_camera
     from grs_agents.sim.rendering.stage import scene_props_from_instance
 
     props = replace(scene_props_from_instance(instance), arm=None)
+    if view is None:
+        if instance.camera is None:
+            raise ValueError("the instance has no camera of a photo")
+        return render_from_camera(props, library, *photo_lens_and_pose(instance.camera, _PHOTO_SIDE))
     lens = lens_from_field_of_view(view.field_of_view, view.height, view.width)
     return render_from_camera(props, library, lens, view_pose(view))
 
@@ -140,8 +152,8 @@ def _outline_object(picture: "RenderedImage", number: int) -> Box | None:
     import numpy as np
 
     mask = picture.owner == number
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    if not rows.size:
+    box = _find_box(mask)
+    if box is None:
         return None
     padded = np.pad(mask, _LINE)
     around = [
@@ -150,4 +162,10 @@ def _outline_object(picture: "RenderedImage", number: int) -> Box | None:
         for right in range(2 * _LINE + 1)
     ]
     picture.color[np.any(around, axis=0) & ~mask] = MARK
-    return int(columns[0]), int(rows[0]), int(columns[-1]), int(rows[-1])
+    return box
+
+
+def _find_box(mask: Any) -> Box | None:
+    """Box of the pixels of a mask (H, W); None for an empty mask."""
+    rows, columns = mask.any(axis=1).nonzero()[0], mask.any(axis=0).nonzero()[0]
+    return (int(columns[0]), int(rows[0]), int(columns[-1]), int(rows[-1])) if rows.size else None

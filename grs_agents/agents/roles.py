@@ -187,16 +187,26 @@ def match_segments(
 
 
 def author_task(
-    agents: Agents, scene: Json, fixtures: Sequence[Json], images: Sequence[str]
+    agents: Agents, scene: Json, fixtures: Sequence[Json], images: Sequence[str], sides: str = ""
 ) -> TaskDefinition | NoReply:
-    """Define a task for the scene. ``fixtures``: library assets that may be added to the photo's objects."""
+    """Define a task for the scene.
+
+    Args:
+        scene: its objects.
+        fixtures: library assets that may be added to the photo's objects.
+        images: the photo, or none.
+        sides: a sentence that says in which direction of the photo the robot's sides lie.
+    """
     names = name_assets(scene["objects"], fixtures)
 
     def parse_task_definition(text: str) -> TaskDefinition:
         return _name_assets_exactly(parse_json(text, TaskDefinition), names)
 
     return agents.ask_role(
-        "task", {"scene": to_json_text(scene), "fixtures": to_json_lines(fixtures)}, parse_task_definition, images
+        "task",
+        {"scene": to_json_text(scene), "fixtures": to_json_lines(fixtures), "sides": sides},
+        parse_task_definition,
+        images,
     )
 
 
@@ -303,30 +313,38 @@ def fix_task(
     return agents.ask_role("fix_task", values, parse_task_revision, judged.images)
 
 
-def judge_words(
-    agents: Agents,
-    words: str,
-    other_texts: Sequence[str],
-    objects: Sequence[Json],
-    goals: Sequence[str],
-    images: Sequence[str],
-) -> WordsJudgement | NoReply:
-    """Compare the words of a task with its goals and its episode, without the program.
+@dataclass(frozen=True)
+class WordsEvidence:
+    """Inputs of the judge, measured by trusted code but for ``words`` and ``other_texts``."""
 
-    Args:
-        words: the task's description.
-        other_texts: further texts that people see, a line each: the task's name, the program's sentences for its goals.
-        objects: the objects, with their motion in the episode.
-        goals: a sentence for each.
-        images: the table at the start and at the end, or none.
+    words: str  # the task's description
+    sentence: str  # that the goals come to
+    other_texts: Sequence[str]  # the task's name, and the program's sentences for its goals, a line each
+    objects: Sequence[Json]  # with their motion in the episode
+    goals: Sequence[str]  # a sentence for each
+    notes: Sequence[str] = ()  # what stays if the words speak of all, and directions of the robot's sides, a line each
+    pictures: Sequence[str] = ()  # the table at the start and at the end, or none
+
+
+def judge_words(agents: Agents, evidence: WordsEvidence, reverse: bool = False) -> WordsJudgement | NoReply:
+    """Compare the words of a task with the sentence of its goals and its episode, without the program.
+
+    ``reverse`` turns the order of the objects and pictures, for an independent second answer.
     """
+    objects, pictures = list(evidence.objects), list(evidence.pictures)
+    shown = "the table at the start, then at the end of the robot's work"
+    if reverse:
+        objects, pictures = objects[::-1], pictures[::-1]
+        shown = "the table at the end of the robot's work, then at the start"
     values = {
-        "words": words,
-        "other_texts": "\n".join(other_texts),
-        "objects": to_json_lines(sorted(objects, key=lambda item: not item.get("bystander"))),  # equal in each call
-        "goals": "\n".join(goals) or "(there is no goal)",
+        "words": evidence.words,
+        "sentence": evidence.sentence,
+        "other_texts": "\n".join(evidence.other_texts),
+        "objects": to_json_lines(objects),
+        "goals": "\n".join(evidence.goals) or "(there is no goal)",
+        "notes": "\n".join([f"The pictures show {shown}, with names drawn in."] * bool(pictures) + [*evidence.notes]),
     }
-    return agents.ask_role("judge", values, lambda text: parse_json(text, WordsJudgement), images)
+    return agents.ask_role("judge", values, lambda text: parse_json(text, WordsJudgement), pictures)
 
 
 def name_assets(objects: Sequence[Json], fixtures: Sequence[Json]) -> dict[str, str]:

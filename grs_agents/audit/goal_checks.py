@@ -14,7 +14,7 @@ from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.library.library import Library
 from grs_agents.perception.types import SceneDescription
 from grs_agents.sim.goals.scores import MET
-from grs_agents.sim.instance.goal import Goal, Zone
+from grs_agents.sim.instance.goal import Goal
 from grs_agents.sim.instance.task_instance import InstanceObject, TaskInstance
 from grs_agents.sim.rollouts import HAND_NOISE, Rollout
 from grs_agents.sim.world.footprints import (
@@ -22,7 +22,7 @@ from grs_agents.sim.world.footprints import (
     distance_between_outlines,
     margins_inside_outline,
     object_prism_at_pose,
-    rectangle_outline,
+    outline_of_zone,
 )
 from grs_agents.sim.world.spec import is_movable, load_object_model
 
@@ -255,7 +255,7 @@ def _measure_least_move(goal: Goal, row: int, instance: TaskInstance, rollout: R
         return min(ways, default=math.inf) - max(0.0, instance.pos_eps - _POSE_TOLERANCE)
     prism = _compute_object_prism_at_start(goal.objects[row], instance, rollout, library)
     if goal.metric == "zone":
-        return min(_distance_to_fit_inside(prism, zone_outline(zone)) for zone in goal.zones)
+        return min(_distance_to_fit_inside(prism, outline_of_zone(zone)) for zone in goal.zones)
     if goal.relation_kind == "aligned" and goal.required_distance is None:
         # The best line goes through two of the centres; the largest residual counts.
         points = np.array([rollout.initial[number][0][:2] for number in goal.objects])
@@ -279,12 +279,6 @@ def _measure_least_move(goal: Goal, row: int, instance: TaskInstance, rollout: R
 
 def _distance_to_fit_inside(prism: Prism, around: FloatArray) -> float:
     return max(0.0, -float(margins_inside_outline(prism.outline, around, _ORIGIN)[0]))
-
-
-def zone_outline(zone: Zone) -> FloatArray:
-    """Outline (4, 2) of a zone in the robot frame, m."""
-    (x, y, _), turn = zone.pose
-    return rectangle_outline((x, y), zone.size[:2], transforms.yaw_of_quaternion(turn))
 
 
 def _compute_object_prism_at_start(number: int, instance: TaskInstance, rollout: Rollout, library: Library) -> Prism:

@@ -8,12 +8,22 @@ import numpy as np
 
 from grs_agents.perception.types import TableFrame
 
-_ASIDE: Final = re.compile(r"\b(left|leftmost|right|rightmost)\b(?! (?:next|beside|on|in|into|where)\b)", re.IGNORECASE)
-_AHEAD: Final = re.compile(r"\b(behind|in front|front|back)\b", re.IGNORECASE)
+_ASIDE: Final = re.compile(
+    r"\b(?:(?:the|its|their) (?P<a>left|right)\b(?! (?:over|where|alone)\b)"
+    r"|(?P<b>left|right)[ -](?:of|hand|side|end|edge|half|part|to (?:right|left))\b"
+    r"|(?P<c>leftmost|rightmost)\b)",
+    re.IGNORECASE,
+)
+_AHEAD: Final = re.compile(
+    r"\b(?:(?P<a>behind|in front of)\b|(?:in|at|to|on) the (?P<b>front|back|rear)\b(?! of (?:the|its) label\b)"
+    r"|(?P<c>front|back|rear) (?:row|side|end|edge|half|part|left|right)\b)",
+    re.IGNORECASE,
+)
 _OWNED: Final = re.compile(
     r"\bas the robot sees\b|\bseen (?:by|from) the robot\b|\bfrom the robot's\b|\bthe robot's (?:left|right)\b",
     re.IGNORECASE,
 )
+_PHOTO: Final = re.compile(r"\b(?:in|of|on) the (?:photo|picture|image)\b", re.IGNORECASE)
 _ALIKE: Final = math.cos(math.radians(45))
 """Cosine of 45 degrees, the angle half-way to the next side."""
 
@@ -25,13 +35,35 @@ def explain_ambiguous_sides(words: str, frame: TableFrame | None) -> str:
         words: the task's text.
         frame: the photo's, whose camera also draws the films; None without a photo.
     """
-    if frame is None or _OWNED.search(words):
+    if frame is None or (_OWNED.search(words) and not _PHOTO.search(words)):
         return ""
+    right, away = _photo_axes(frame)
+    for form, seen, robot_side in ((_ASIDE, -right, (0.0, 1.0)), (_AHEAD, away, (1.0, 0.0))):
+        side = form.search(words)
+        if side is not None and np.dot(seen, robot_side) < _ALIKE:
+            word = next(filter(None, side.groups()))
+            return f"{word!r} is another side for the robot than in the photo"
+    return ""
+
+
+def describe_sides_in_photo(frame: TableFrame | None) -> str:
+    """A sentence that says in which direction of the photo each side of the robot lies; empty without a photo."""
+    if frame is None:
+        return ""
+    right, away = _photo_axes(frame)
+    shown: list[str] = []
+    for axis, name in ((np.array((0.0, 1.0)), "its left"), (np.array((1.0, 0.0)), "away from it")):
+        across, up = float(np.dot(axis, right)), float(np.dot(axis, away))
+        if abs(across) >= abs(up):
+            shown.append(f"{name} is {'right' if across > 0 else 'left'}")
+        else:
+            shown.append(f"{name} is {'up, into the distance' if up > 0 else 'down, towards the viewer'}")
+    return f"Sides are as the robot sees them: in the photo, {' and '.join(shown)}."
+
+
+def _photo_axes(frame: TableFrame) -> tuple[np.ndarray, np.ndarray]:
+    """Directions (2,) along the table of the photo's right and of its upper edge, robot frame."""
     pose = np.array(frame.T_robot_cam)
     right, down, forward = pose[:2, 0], pose[:2, 1], pose[:2, 2]
     away = forward if np.linalg.norm(forward) > np.linalg.norm(down) else -down
-    for form, seen, robot_side in ((_ASIDE, -right, (0.0, 1.0)), (_AHEAD, away, (1.0, 0.0))):
-        side = form.search(words)
-        if side is not None and np.dot(seen, robot_side) < _ALIKE * np.linalg.norm(seen):
-            return f"{side[0]!r} is another side for the robot than in the photo"
-    return ""
+    return right / np.linalg.norm(right), away / np.linalg.norm(away)

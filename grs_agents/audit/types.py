@@ -1,7 +1,7 @@
 """The audit's findings."""
 
-from collections.abc import Iterable
-from typing import Literal
+from collections.abc import Iterable, Sequence
+from typing import Final, Literal
 
 from grs_agents.base import Frozen, Pose, Vec3
 from grs_agents.sim.rollouts import Rollout
@@ -47,6 +47,25 @@ class Change(Frozen):
     reason: str = ""  # measured reason to leave the photo's pose; empty if there is none
 
 
+WordsVerdict = Literal["agree", "differ", "not_judged"]
+BY_GOALS: Final = "goals"
+"""Author and judge of words that trusted code makes of the goals."""
+
+
+class JudgedWords(Frozen):
+    """A verdict on an author's words, which stand beside the sentence of the goals."""
+
+    verdict: WordsVerdict
+    by: str  # the model that judged, `offline` for the rules, `grs` where nobody was asked
+    why: str
+
+
+class Instruction(JudgedWords):
+    """Words that tell a robot what to do, with the verdict on them."""
+
+    text: str
+
+
 class AuditReport(Frozen):
     """Why a run is accepted or not; measured on task instances by trusted code alone."""
 
@@ -57,6 +76,22 @@ class AuditReport(Frozen):
     rewards: tuple[float, ...]  # the reward of each rollout
     about: str = ""  # scope of the verdict, a sentence or two
     unforeseen_seeds: tuple[int, ...] = ()  # more that were audited; they follow from the text of the programs
+    # what the goals ask for in words of trusted code, of the first seed; empty if a check before it fails
+    sentence: str = ""
+    vague: str = ""  # the same without names of single objects
+    words: JudgedWords | None = None  # on the task's description; None if there is none, or a check before it fails
+
+    def list_instructions(self, description: str) -> dict[str, Instruction]:
+        """Instructions by how much they say: ``vague``, ``default`` (the author's words) and ``specific``."""
+        made = {"verdict": "agree", "by": BY_GOALS, "why": "made of the goals by trusted code"}
+        judged = {} if self.words is None else {"default": {**self.words.model_dump(), "text": description}}
+        texts = {"vague": {**made, "text": self.vague}, **judged, "specific": {**made, "text": self.sentence}}
+        return {name: Instruction.model_validate(fields) for name, fields in texts.items()}
+
+    def with_findings(self, further: Sequence[AuditFinding]) -> "AuditReport":
+        """The report with more findings; accepted if they pass, too."""
+        accepted = self.accepted and all(finding.passed for finding in further)
+        return self.model_copy(update={"findings": (*self.findings, *further), "accepted": accepted})
 
     @property
     def failures(self) -> tuple[AuditFinding, ...]:

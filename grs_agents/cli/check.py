@@ -28,6 +28,8 @@ def check_program(
         value = {
             "status": "accepted" if result.accepted else "rejected",
             "reason": result.reason,
+            "sentence": result.audit.sentence,
+            "words": result.audit.words and result.audit.words.model_dump(mode="json"),
             "tests": result.tests and result.tests.model_dump(mode="json"),
             "audit": result.audit.model_dump(mode="json"),
         }
@@ -42,6 +44,10 @@ def check_program(
         console = terminal.make_console()
         console.print(table)
         console.print(Text(result.audit.about))
+        if result.audit.sentence:
+            console.print(Text(f"sentence: {result.audit.sentence}", style="bold"))
+        if (words := result.audit.words) is not None and words.verdict != "agree":
+            console.print(Text(f"words: {words.verdict}, says {words.by}: {words.why}"))
     return 0 if result.accepted else 1
 
 

@@ -121,6 +121,8 @@ def _print_run_summary(command: str, folder: Path, record: RunRecord) -> None:
         console.print(summary_table(record.model_dump(mode="json")))
     replay = shlex.join(["grs", "replay", str(folder)])
     console.print(Text.assemble((replay, "bold"), "   opens the trace"), soft_wrap=True)
+    if record.sentence:
+        console.print(Text(f"sentence {record.sentence}", style="bold"), soft_wrap=True)
 
 
 def _print_run_error(problem: GrsError, folder: Path) -> None:

@@ -7,14 +7,9 @@ import hashlib
 from collections.abc import Sequence
 from typing import Any, Final
 
-from grs_agents.agents import roles
-from grs_agents.agents.types import NoReply, WordsJudgement
 from grs_agents.audit.checks import audit_task, check_report_of_unforeseen_seeds
-from grs_agents.audit.goal_checks import pair_instances_with_rollouts
-from grs_agents.audit.goal_sentences import describe_task_in_words
 from grs_agents.audit.mutants import make_instance_mutants
 from grs_agents.audit.seed_and_override_checks import check_program, find_expectations_taken_from_program
-from grs_agents.audit.side_words import explain_ambiguous_sides
 from grs_agents.audit.test_quality import (
     RUNS,
     check_tests_exercise_program,
@@ -29,14 +24,8 @@ from grs_agents.base.trace.events import Note
 from grs_agents.graph.bystanders import program_tool_settings
 from grs_agents.graph.services import Services
 from grs_agents.graph.task_instances import AuditedPrograms, SolvedInstances, solve_task_instances
-from grs_agents.sim.instance.task_instance import TaskInstance
-from grs_agents.sim.rollouts import Rollout
+from grs_agents.graph.words import state_and_judge_words
 
-_WORDS_BOUND = "the judge must agree"
-_WORDS_REMEDY = (
-    f"{_WORDS_BOUND}; where it does not understand the words, name a model that does with audit.judge = MODEL"
-)
-_SIDES_BOUND = "sides are the robot's, and words must say so where a photo shows others: 'left, as the robot sees it'"
 _UNFORESEEN: Final = 8
 """Seeds drawn beside those of the configuration, at 3 ms or more each: they reveal a fault of 1 in 12 seeds every
 second time, of 1 in 3 seeds 24 times of 25."""
@@ -65,13 +54,13 @@ def audit_programs(audited: AuditedPrograms, services: Services) -> AuditReport:
         text += "\0"
     measured, report = audit_instances(audited, services, unforeseen)
     if report.accepted:
-        report = _append_findings(report, _probe_tests(audited, measured, services))
-    report = _append_findings(report, [check_program(audited.simulation)])
+        report = report.with_findings(_probe_tests(audited, measured, services))
+    report = report.with_findings([check_program(audited.simulation)])
     if report.accepted:
         seen = [measured] if measured.unforeseen is None else [measured, measured.unforeseen]
         instances = [instance for solved in seen for instance in solved.instances]
         rollouts = [rollout for solved in seen for rollout in solved.rollouts]
-        report = _append_findings(report, _judge_words_against_goals(audited, instances, rollouts, services))
+        report = state_and_judge_words(report, audited, instances, rollouts, services)
     if audited.scene is None or config.scene.bystanders:
         return report
     services.log.append(Note(text=_LEFT_OUT))
@@ -91,7 +80,7 @@ def audit_instances(
     of_unforeseen = _audit_measured_instances(measured.unforeseen, config, audited, services)
     report = report.model_copy(update={"unforeseen_seeds": seeds})
     finding = check_report_of_unforeseen_seeds(seeds, len(unforeseen_seeds), of_unforeseen)
-    return measured, _append_findings(report, [finding])
+    return measured, report.with_findings([finding])
 
 
 def _audit_measured_instances(
@@ -107,58 +96,6 @@ def _audit_measured_instances(
         audited.scene,
         audited.original,
     )
-
-
-def _append_findings(report: AuditReport, further: Sequence[AuditFinding]) -> AuditReport:
-    accepted = report.accepted and all(finding.passed for finding in further)
-    return report.model_copy(update={"findings": (*report.findings, *further), "accepted": accepted})
-
-
-def _judge_words_against_goals(
-    audited: AuditedPrograms, instances: Sequence[TaskInstance], rollouts: Sequence[Rollout], services: Services
-) -> tuple[AuditFinding, ...]:
-    """The finding ``words``: the goals of every kind of instance agree with the words; none without a task.
-
-    The judge is asked once for instances that differ only in lengths and turns.
-    """
-    if audited.task is None:
-        return ()
-    frame = audited.scene.frame if audited.scene is not None else None
-    if ambiguous := explain_ambiguous_sides(audited.task.description, frame):
-        return (AuditFinding(check="words", passed=False, measured=f"unclear: {ambiguous}", bound=_SIDES_BOUND),)
-    judge = services.config.model_for_role("judge").model
-    distinct: list[TaskInstance] = []  # without their seeds
-    kinds: set[tuple[object, ...]] = set()
-    judgement: WordsJudgement | NoReply | None = None
-    for instance, rollout in pair_instances_with_rollouts(instances, [done for done in rollouts if done.final]):
-        unseeded = instance.model_copy(update={"seed": 0})
-        if unseeded in distinct:
-            continue
-        distinct.append(unseeded)
-        facts = describe_task_in_words(instance, rollout, services.library, audited.scene)
-        if facts.kind in kinds:
-            continue
-        kinds.add(facts.kind)
-        pictures: list[str] = []
-        if services.config.end_picture and services.agents.sees_pictures("judge"):
-            for moment, poses in (("start", rollout.initial), ("end", rollout.final)):
-                path = f"instances/seed_{instance.seed}_{moment}.png"
-                drawn = services.render_instance(instance, services.folder / path, poses=poses, textured=True)
-                if drawn.image is None:
-                    pictures = []
-                    break
-                pictures.append(path)
-        words, other_texts = audited.task.description, (f"name: {audited.task.name}", *facts.other_texts)
-        judgement = roles.judge_words(services.agents, words, other_texts, facts.objects, facts.goals, pictures)
-        if isinstance(judgement, NoReply) or judgement.verdict != "agrees":
-            break
-    passed, measured, bound = False, "there is no episode to judge", _WORDS_BOUND
-    if isinstance(judgement, NoReply):
-        measured, bound = str(judgement), _WORDS_REMEDY
-    elif judgement is not None:
-        measured = f"{judgement.verdict}, says the judge ({judge}): {judgement.reason}"
-        passed, bound = judgement.verdict == "agrees", _WORDS_REMEDY if judgement.verdict == "unclear" else _WORDS_BOUND
-    return (AuditFinding(check="words", passed=passed, measured=measured, bound=bound),)
 
 
 def _probe_tests(audited: AuditedPrograms, solved: SolvedInstances, services: Services) -> tuple[AuditFinding, ...]:

@@ -15,7 +15,9 @@ from typing import Annotated, Any, Final, Literal
 from grs_agents.agents import examples, roles
 from grs_agents.agents.agent import image_block_from_file
 from grs_agents.agents.types import NoReply, TaskDefinition, ToolCalling
+from grs_agents.audit.side_words import describe_sides_in_photo
 from grs_agents.audit.static_checks import check_programs
+from grs_agents.audit.types import AuditReport
 from grs_agents.base import content
 from grs_agents.base.files import write_json, write_text
 from grs_agents.base.trace.events import Note, ProgramVersion, TaskDefined
@@ -82,18 +84,34 @@ def generate_task(state: RunState, services: Services) -> Update:
     """Define a task for the scene (paper, Task Definition Generation)."""
     library = services.library
     scene = scene_for_prompt(state["scene"], library)
-    task = roles.author_task(services.agents, scene, fixture_assets_for_prompt(library), images_from_state(state))
+    sides = describe_sides_in_photo(state["scene"].frame)
+    fixtures = fixture_assets_for_prompt(library)
+    task = roles.author_task(services.agents, scene, fixtures, images_from_state(state), sides)
     if isinstance(task, NoReply):
         return {"problem": str(task)}
     write_task_file(task, None, services)
     return {"task": task, "revisable": True}
 
 
-def write_task_file(task: TaskDefinition, revised: Revision | None, services: Services) -> None:
-    """Write ``task.json`` and its event; of a revised task with the original and the part that was given up."""
+def write_task_file(
+    task: TaskDefinition, revised: Revision | None, services: Services, audit: AuditReport | None = None
+) -> None:
+    """Write ``task.json`` and its event.
+
+    Args:
+        task: the three fields.
+        revised: the original and the part that was given up, of a revised task.
+        services: of the run.
+        audit: adds the sentence of the goals, and instructions with a verdict on each.
+    """
     written = task.as_json()
     if revised is not None:
         written["revised"] = revised
+    if audit is not None and audit.sentence:
+        written["sentence"] = audit.sentence
+        written["instructions"] = {
+            name: judged.model_dump(mode="json") for name, judged in audit.list_instructions(task.description).items()
+        }
     write_json(services.folder / "task.json", written)
     services.log.append(TaskDefined(task=written))
 

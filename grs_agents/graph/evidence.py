@@ -12,7 +12,7 @@ from typing import Final
 import cv2
 
 from grs_agents.audit.types import AuditReport, StaticFinding
-from grs_agents.base import Vec3
+from grs_agents.base import Pose, Vec3
 from grs_agents.base.files import write_bytes
 from grs_agents.base.foreign.pictures import read_picture
 from grs_agents.graph.policies.types import read_episode
@@ -23,7 +23,7 @@ from grs_agents.sandbox.protocol.report import OUTCOME_MEANINGS, TestReport
 from grs_agents.sandbox.protocol.tracebacks import SIMULATION_FILE, TESTS_FILE
 from grs_agents.sim.arms.arm_files import resolve_robot_path
 from grs_agents.sim.instance.episode import Episode
-from grs_agents.sim.instance.task_instance import parse_instance_json
+from grs_agents.sim.instance.task_instance import TaskInstance, parse_instance_json
 
 EPISODES, ROWS, CLAUSES = 3, 24, 6
 """Bounds on the distinct episodes, the tests or rows of a table, and the shortfalls of a goal that are shown."""
@@ -196,6 +196,26 @@ def draw_end_of_episode(state: RunState, services: Services, role: str) -> list[
     return [path]
 
 
+def draw_from_photo(instance: TaskInstance, poses: Mapping[int, Pose], output: Path, services: Services) -> bool:
+    """Draw a task instance as the photo's camera sees it, with textures and names; without a photo from the front.
+
+    Args:
+        instance: the instance.
+        poses: pose of each object by id (m, robot frame).
+        output: the PNG file.
+        services: of the run.
+
+    Returns:
+        False if nothing could be drawn.
+    """
+    view = {"from_photo": True} if instance.camera is not None else {"textured": True}
+    names = {item.id: item.name or item.asset for item in instance.objects}
+    picture = services.render_instance(instance, output, poses=dict(poses), boxed=tuple(names), **view)
+    if picture.image is not None:
+        write_names_beside_boxes(output, picture.boxes, names)
+    return picture.image is not None
+
+
 def find_ids_of_failed_objects(episode: Episode) -> list[int]:
     """Ids of the objects that miss the goal with the lowest score; else of those that the episode's end concerns."""
     for goal in sorted(episode.goals, key=lambda goal: goal.strict):
@@ -212,13 +232,20 @@ def find_ids_of_failed_objects(episode: Episode) -> list[int]:
 def write_names_beside_boxes(
     file: Path, boxes: Mapping[int, tuple[int, int, int, int]], names: Mapping[int, str]
 ) -> None:
-    """Write names into a picture file, above or below boxes (left, top, right, bottom) in pixels."""
+    """Write names into a picture file, above or below boxes (left, top, right, bottom) in pixels, none over another."""
     picture = read_picture(file, cv2.IMREAD_COLOR)
-    for number, (left, top, _, bottom) in boxes.items():
+    taken: list[tuple[int, int, int, int]] = []
+    for number, (left, top, _, bottom) in sorted(boxes.items(), key=lambda entry: entry[1][1]):
         text = f"{names[number]} #{number}"
         (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, _FONT, 1)
         x = max(0, min(left, picture.shape[1] - width - 4))
         y = top - 6 if top > height + 8 else bottom + height + 6
+        while any(
+            x < right and x + width + 4 > begin and y - height - 3 < low and y + 4 > high
+            for begin, high, right, low in taken
+        ):
+            y += height + 8
+        taken.append((x, y - height - 3, x + width + 4, y + 4))
         cv2.rectangle(picture, (x, y - height - 3), (x + width + 4, y + 4), (255, 255, 255), -1)
         cv2.putText(picture, text, (x + 2, y), cv2.FONT_HERSHEY_SIMPLEX, _FONT, _COLOR, 1, cv2.LINE_AA)
     write_bytes(file, cv2.imencode(".png", picture)[1].tobytes())

@@ -103,6 +103,8 @@ def audit_task(state: RunState, services: Services) -> Update:
         report = audit_programs(audited, services)
         keep_audit(state, report, services)
     write_json(services.folder / "audit.json", report)
+    if report.sentence:
+        write_task_file(state["task"], state.get("revised"), services, report)
     for finding in report.findings:
         services.log.append(Finding(**dict(finding)))
     return record_outcome(state, {"audit": report})
@@ -120,7 +122,7 @@ def conclude_with_best_version(state: RunState, services: Services) -> Update:
             services.log.append(Note(text=f"{best.describe()} is put back in place: it was the best"))
             write_text(services.folder / PROGRAM_FILES["simulation"], best.kept.simulation)
             write_text(services.folder / PROGRAM_FILES["tests"], best.kept.tests)
-            write_task_file(best.kept.task, best.kept.revised, services)
+            write_task_file(best.kept.task, best.kept.revised, services, best.kept.audit)
             (services.folder / "audit.json").unlink(missing_ok=True)
             if best.kept.audit is not None:
                 write_json(services.folder / "audit.json", best.kept.audit)
@@ -149,6 +151,8 @@ def _decide_run_status_and_reason(
     audit, tests, revised = state.get("audit"), state.get("report"), state.get("revised")
     if audit and audit.accepted:
         reason = f"the tests pass and all {len(audit.findings)} checks of the audit hold"
+        if audit.words is not None and audit.words.verdict == "not_judged":
+            reason += ", for the sentence of its goals: the author's words are not judged"
         return "accepted", reason + (f"; the task was revised: {revised.given_up}" if revised else "")
     fixes = f"{state.get('fixes', 0)} of {state['max_fixes']} fixes used"
     if len(list_latest_fixes_in_vain(state)) >= LONGEST_STREAK:

@@ -14,7 +14,7 @@ from grs_agents.library.posed_meshes import visual_triangle_corners
 from grs_agents.library.shapes import matrix_from_quaternion
 from grs_agents.perception import types
 from grs_agents.perception.proxies.meshes import inside_colliders_mask
-from grs_agents.perception.types import SceneDescription, TableFrame
+from grs_agents.perception.types import SceneDescription
 from grs_agents.sim.world.collision_volumes import measure_inner_size
 from grs_agents.sim.world.footprints import object_prism_at_pose
 
@@ -40,7 +40,7 @@ def scene_for_prompt(scene: SceneDescription, library: Library) -> dict[str, Any
     Left out are ``own_size`` if it is ``size``, ``reachable`` unless it is false, and ``hollow``, ``floats`` and
     ``uneven_top`` unless they are true; the top of a library asset is known by its name. ``cannot_be_picked`` is the
     reason why the robot failed to pick the object, or why no task may use it. What floats is on nothing that is known.
-    ``leans``: by how many degrees its nearest axis is off the vertical. ``directions_in_photo`` is for words of sides.
+    ``leans``: by how many degrees its nearest axis is off the vertical.
     """
     objects: list[dict[str, Any]] = []
     for item in scene.objects:
@@ -79,8 +79,7 @@ def scene_for_prompt(scene: SceneDescription, library: Library) -> dict[str, Any
             fields.setdefault("touching", []).append(relation.reference)
         else:
             fields[relation.kind] = relation.reference
-    directions = _directions_in_photo(scene.frame)
-    return {"workspace": WORKSPACE} | ({"directions_in_photo": directions} if directions else {}) | {"objects": objects}
+    return {"workspace": WORKSPACE, "objects": objects}
 
 
 def fixture_assets_for_prompt(library: Library) -> list[dict[str, Any]]:
@@ -96,29 +95,6 @@ def fixture_assets_for_prompt(library: Library) -> list[dict[str, Any]]:
         for asset in library.assets()
         if asset.fixture
     ]
-
-
-def _directions_in_photo(frame: TableFrame) -> dict[str, str]:
-    """The directions in the photo that lead to the robot's left and away from it, in words; empty if unknown.
-
-    They are those of the axes y and x at the middle of the workspace, in the photo's picture plane.
-    """
-    transform = np.asarray(frame.T_robot_cam, dtype=np.float64)
-    if transform.shape != (4, 4):
-        return {}
-    middle = np.array([sum(types.X) / 2, sum(types.Y) / 2, frame.height])
-    steps = np.array([(0, 0, 0), (0, 0.05, 0), (0.05, 0, 0)])
-    points = (middle + steps - transform[:3, 3]) @ transform[:3, :3]
-    if (points[:, 2] <= 0).any():
-        return {}
-    pixels = points[:, :2] / points[:, 2:]
-    words: dict[str, str] = {}
-    for name, (right, down) in zip(("left of", "behind"), pixels[1:] - pixels[0], strict=True):
-        parts = [(abs(down), "down" if down > 0 else "up"), (abs(right), "right" if right > 0 else "left")]
-        longest = max(length for length, _ in parts)
-        # a direction counts from 22.5 degrees off the other on, so that there are eight
-        words[name] = " and ".join(word for length, word in parts if length > np.tan(np.pi / 8) * longest)
-    return words
 
 
 def _extents_along_robot_axes(asset: Asset, pose: Pose, library: Library) -> npt.NDArray[np.float64]:

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from grs_agents.agents.types import TaskDefinition
+from grs_agents.audit.goal_sentences import name_instance_objects
 from grs_agents.base.errors import GrsError
 from grs_agents.base.files import write_json
 from grs_agents.base.geometry.transforms import matrix_to_quaternion, to_vec3
@@ -118,8 +119,13 @@ def _write_instances(instances: Sequence[TaskInstance], services: Services) -> N
     for stale in (services.folder / "instances").glob("seed_*"):
         stale.unlink()
     for instance in instances:
-        portable = make_robot_path_relative(instance, services.folder)
-        write_json(services.folder / _instance_file_name(instance.seed, "json"), portable)
+        write_instance(instance, services)
+
+
+def write_instance(instance: TaskInstance, services: Services) -> None:
+    """Write an instance into the run folder."""
+    portable = make_robot_path_relative(instance, services.folder)
+    write_json(services.folder / _instance_file_name(instance.seed, "json"), portable)
 
 
 def _find_instances_of_other_kinds(
@@ -265,6 +271,7 @@ def instantiate_program_for_seeds(
         "camera": None if scene is None else _describe_camera(scene),
         "light": InstanceLight(),
         "table": InstanceTable() if scene is None else scene.instance_table,
+        "instruction": "",
     }
     result = services.run_tool(
         "instantiate", simulation=simulation, seeds=seeds, seeds_drawn_once=seeds_drawn_once, **setup
@@ -277,6 +284,7 @@ def instantiate_program_for_seeds(
         instance = TaskInstance.model_validate({**drawn, **surroundings})
         try:
             instance = place_bystanders(instance, setup["bystanders"])
+            instance = name_instance_objects(instance, services.library, scene)
             instances.append(fill_in_masses_and_frictions(instance, services.library))
         except ValidationError as error:
             failures.append((instance.seed, f"seed {instance.seed}: invalid: {describe_first_error(error)}"))

@@ -14,6 +14,7 @@ from langgraph.runtime import Runtime
 
 from grs_agents.agents.agent import Agents
 from grs_agents.agents.budget import BudgetReached
+from grs_agents.audit.types import JudgedWords
 from grs_agents.base import interrupts
 from grs_agents.base.config.schema import Config
 from grs_agents.base.errors import ConfigError, GrsError, InputError, OutputError
@@ -295,6 +296,8 @@ def _add_metrics_to_record(record: RunRecord, log: EventLog, state: State) -> Ru
         update = {
             "counts": count_run_results(history, reached),
             "rewards": tuple(reached.get("audit", {}).get("rewards", ())),
+            "sentence": str(reached.get("audit", {}).get("sentence", "")),
+            "words": None if (words := reached.get("audit", {}).get("words")) is None else JudgedWords(**words),
             "sandbox": str(reached.get("report", {}).get("backend", "")),
         }
     update |= {"seconds": seconds_by_stage(history), "cost": sum_reply_costs(history)}

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 from pydantic import Field, ValidationError
 
+from grs_agents.audit.types import JudgedWords
 from grs_agents.base import Frozen
 from grs_agents.base.config.recorded import RecordedConfig
 from grs_agents.base.errors import InputError
@@ -48,6 +49,9 @@ class RunRecord(Frozen):
     counts: dict[str, Count] = Field(default_factory=dict)  # objects, fixes, model calls, tokens
     # US dollars of all model calls; `None` if a price is unknown
     cost: float | None = Field(default=None, ge=0, le=MOST_TOTAL, allow_inf_nan=False)
+    # what the goals ask for, in words of GRS, and the verdict on the author's words; none where the audit failed
+    sentence: str = ""
+    words: JudgedWords | None = None
     rewards: tuple[Number, ...] = ()  # the trusted oracle's reward for each seed
     seconds: dict[str, Seconds] = Field(default_factory=dict)  # wall seconds by stage, and `total`
     attempts: Count = 1  # number of starts and resumptions

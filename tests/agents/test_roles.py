@@ -10,7 +10,7 @@ import pytest
 from grs_agents.agents import roles
 from grs_agents.agents.agent import Agents
 from grs_agents.agents.prompt_template import read_prompt_template
-from grs_agents.agents.roles import JudgedPrograms
+from grs_agents.agents.roles import JudgedPrograms, WordsEvidence
 from grs_agents.agents.types import NoReply, TaskDefinition, TaskRevision
 from grs_agents.base import content
 from grs_agents.base.config.schema import Config
@@ -20,21 +20,20 @@ from tests.scripted import scripted
 TASK = TaskDefinition.model_validate({"task-name": "t", "task-description": "<task>", "assets-used": ["a"]})
 SCENE: dict[str, Any] = {"objects": [{"asset": "a", "name": "<scene>"}]}
 JUDGED = JudgedPrograms(TASK, "<scene>", "<code>", "<tests>", "<test_results>", ["<history>"], (), "<explanation>")
+EVIDENCE = WordsEvidence("<words>", "<sentence>", ["<other_texts>"], [{"x": "<objects>"}], ["<goals>"], ["<notes>"])
 ASKED: dict[str, Callable[[Agents], object]] = {
     "describe": lambda agents: roles.describe_segments(agents, [{"id": 1, "x": "<segments>"}], [1], "<pictures>", []),
     "match": lambda agents: roles.match_segments(
         agents, [{"id": 1, "x": "<segments>"}], [{"name": "<assets>"}], "<pictures>", []
     ),
-    "task": lambda agents: roles.author_task(agents, SCENE, [{"name": "<fixtures>"}], []),
+    "task": lambda agents: roles.author_task(agents, SCENE, [{"name": "<fixtures>"}], [], "<sides>"),
     "simulation": lambda agents: roles.author_simulation(agents, TASK, SCENE, "<api>", "<examples>", []),
     "tests": lambda agents: roles.author_tests(agents, TASK, "<code>", "<api>"),
     "route": lambda agents: roles.decide_what_to_fix(agents, JUDGED, ("fix_code", "fix_test")),
     "fix_code": lambda agents: roles.fix_code(agents, JUDGED, "<api>"),
     "fix_tests": lambda agents: roles.fix_tests(agents, JUDGED, "<api>"),
     "fix_task": lambda agents: roles.fix_task(agents, JUDGED, SCENE["objects"], [{"name": "<fixtures>"}]),
-    "judge": lambda agents: roles.judge_words(
-        agents, "<words>", ["<other_texts>"], [{"x": "<objects>"}], ["<goals>"], []
-    ),
+    "judge": lambda agents: roles.judge_words(agents, EVIDENCE),
 }
 
 

@@ -34,7 +34,7 @@ SEGMENT: Json = {
 REPLIES: dict[str, Json] = {
     "describe": {"segments": [{**SEGMENT, "id": 3}]},
     "group": {"merge": [[1, 2]], "split": [], "drop": [], "missing": []},
-    "match": {"match": "asset", "asset": "a", "reason": "red"},
+    "match": {"segments": [{"id": 3, "match": "asset", "asset": "a", "confidence": 0.9, "reason": "red"}]},
     "task": TASK,
     "route": {"explanation": "The oracle falls short.", "verdict": "fix_code"},
     "fix_task": {**TASK, "given-up": "the lid"},
@@ -55,15 +55,15 @@ ASK: dict[str, Callable[[Agents], Any]] = {
         agents, [{"id": number, "box": [1, 2, 3, 4]} for number in (1, 2)], (640, 480), "none", []
     ),
     "match": lambda agents: roles.match_segments(agents, [{"id": 3}], [{"name": "a"}], "(none)", []),
-    "task": lambda agents: roles.author_task(agents, {"objects": [{"asset": "a"}]}, [], []),
+    "task": lambda agents: roles.author_task(agents, {"objects": [{"asset": "a"}]}, [], [], ""),
     "route": lambda agents: roles.decide_what_to_fix(agents, judged(), ("fix_code", "fix_test")),
     "fix_task": lambda agents: roles.fix_task(agents, judged(), [{"asset": "a"}], []),
-    "judge": lambda agents: roles.judge_words(agents, "w", [], [], [], []),
+    "judge": lambda agents: roles.judge_words(agents, roles.WordsEvidence("w", "s", [], [], [])),
 }
 MEANT: dict[str, Any] = {
     "describe": {3: Description.model_validate(SEGMENT)},
     "group": Grouping(merge=((1, 2),), split=(), drop=(), missing=()),
-    "match": {3: Match(match="asset", asset="a", reason="red")},
+    "match": {3: Match(match="asset", asset="a", confidence=0.9, reason="red")},
     "task": TaskDefinition.model_validate(TASK),
     "route": RouterReply(verdict="fix_code", explanation="The oracle falls short."),
     "judge": WordsJudgement(verdict="agrees", reason="it does"),

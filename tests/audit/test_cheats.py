@@ -356,9 +356,9 @@ def told() -> TaskInWords:
         ("Sort a red block and the blue block by colour.", (), "differs", "sort by colour"),
         (
             "Put a red block on the blue zone, then put the blue block on the red zone.",
-            ("name: stack-blocks-on-zones", "goal 1: push the red block off the table"),
+            ("name: stack-blocks-on-zones", "goal 2: put the blue block on the blue zone"),
             "differs",
-            "does not push",
+            "is not asked to end on the blue zone",
         ),
     ],
 )

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from grs_agents.audit.side_words import explain_ambiguous_sides
+from grs_agents.audit.side_words import describe_sides_in_photo, explain_ambiguous_sides
 from grs_agents.perception.types import TableFrame
 
 
@@ -49,6 +49,35 @@ def test_a_robot_in_the_words_does_not_say_whose_sides_they_mean() -> None:
         assert explain_ambiguous_sides(words, frame_seen_from(0))
 
 
-def test_other_words_and_a_task_without_a_photo_have_no_sides() -> None:
-    assert not explain_ambiguous_sides("Put the can right next to the bowl.", frame_seen_from(0))
+@pytest.mark.parametrize(
+    "words",
+    [
+        "Put the can right next to the bowl.",
+        "Put the can back into the box.",
+        "Put the milk away and leave what is left over.",
+        "Put the box with a cow on the front of its label into the bowl.",
+        "Leave the can where it is, all others left alone.",
+    ],
+)
+def test_other_words_have_no_sides(words: str) -> None:
+    assert not explain_ambiguous_sides(words, frame_seen_from(0))
+
+
+def test_sides_as_in_the_photo_are_not_the_robots() -> None:
+    words = "Put the can to the left of the bowl, as in the photo, not as the robot sees it."
+    assert explain_ambiguous_sides(words, frame_seen_from(0)) and not explain_ambiguous_sides(
+        words, frame_seen_from(180)
+    )
+
+
+@pytest.mark.parametrize(
+    ("azimuth", "left", "away"),
+    [(180, "left", "up, into the distance"), (0, "right", "down, towards the viewer")],
+)
+def test_an_author_is_told_where_the_robots_sides_are_in_the_photo(azimuth: float, left: str, away: str) -> None:
+    told = describe_sides_in_photo(frame_seen_from(azimuth))
+    assert f"in the photo, its left is {left} and away from it is {away}" in told
+
+
+def test_a_task_without_a_photo_has_no_sides() -> None:
     assert not explain_ambiguous_sides("Put the can left of the bowl.", None)

@@ -49,6 +49,25 @@ def test_a_run_is_checked_against_its_own_task_and_scene(run: Path) -> None:
     assert json.loads(done.stdout)["audit"]["findings"] == findings_of_run(run)
 
 
+def test_a_task_in_words_that_nobody_understands_is_accepted_for_its_sentence(run: Path, tmp_path: Path) -> None:
+    """The sentence stands wherever the task is stated; the author's words are a paraphrase beside it."""
+    record, task = (json.loads((run / name).read_text("utf-8")) for name in ("run.json", "task.json"))
+    sentence = record["sentence"]
+    assert sentence == task["sentence"] == task["instructions"]["specific"]["text"]
+    assert task["instructions"]["default"] == {**record["words"], "text": task["task-description"]}
+    assert task["instructions"]["vague"]["text"] and task["instructions"]["vague"]["by"] == "goals"
+    assert json.loads((run / "instances/seed_0.json").read_text("utf-8"))["instruction"] == sentence
+    (tmp_path / "task.json").write_text(json.dumps({**task, "task-description": "Make it nice with the robot arm."}))
+    told = ("--task", str(tmp_path / "task.json"), "--scene", "run/scene.json")
+    found = check(run, *told)
+    assert (found["status"], found["sentence"]) == ("accepted", sentence)
+    assert found["words"]["verdict"] == "not_judged" and found["words"]["by"] == "offline"
+    strict = check(run, *told, "--set", "audit.words=agree")
+    assert strict["status"] == "rejected" and strict["reason"].startswith("words: ")
+    plain = grs("check", "run", *told, *SEEDS[:-1], folder=run.parent).stdout
+    assert f"sentence: {sentence}" in " ".join(plain.split()) and "not_judged, says offline: not understood" in plain
+
+
 def test_another_task_is_not_what_the_program_does(run: Path, tmp_path: Path) -> None:
     task = json.loads((run / "task.json").read_text("utf-8"))
     (tmp_path / "task.json").write_text(json.dumps({**task, "assets-used": ["bowl/bowl.urdf"]}))

@@ -86,7 +86,9 @@ def test_a_revised_task_is_written_for_anew_and_what_was_given_up_is_recorded(
     assert ended["status"] == "accepted" and "The green block stays." in ended["reason"]
     revised = {"from": wide, "given-up": "The green block stays."}
     assert state_as_json(ended)["revised"] == revised
-    assert json.loads((tmp_path / "task.json").read_text()) == {**TASK, "revised": revised}
+    written = json.loads((tmp_path / "task.json").read_text())
+    assert written.pop("sentence") == written.pop("instructions")["specific"]["text"] == ended["audit"].sentence
+    assert written == {**TASK, "revised": revised}
     ran = [event.node for event in kinds(services, "node_ended")]
     assert ran[ran.index("fix_task") :] == [
         "fix_task",

@@ -3,7 +3,6 @@
 import math
 from typing import Any
 
-import numpy as np
 import pytest
 
 from grs_agents.graph.scene_prompt import fixture_assets_for_prompt, scene_for_prompt
@@ -87,28 +86,6 @@ def test_an_object_that_floats_is_on_nothing_that_is_known() -> None:
         relations=({"kind": "on", "subject": "mug", "reference": "box"},),
     )
     assert (found["mug"]["floats"], found["mug"]["touching"], found["mug"].get("on")) == (True, ["box"], None)
-
-
-@pytest.mark.parametrize(
-    ("camera_x", "camera_y", "camera_z", "directions"),
-    [
-        # a camera on the robot's side looks the robot's way, a camera on the far side looks back at it
-        ((0, -1, 0), (0, 0, -1), (1, 0, 0), {"left of": "left", "behind": "up"}),
-        ((0, 1, 0), (0, 0, -1), (-1, 0, 0), {"left of": "right", "behind": "down"}),
-        ((1, 0, 0), (0, 0, -1), (0, 1, 0), {"left of": "up", "behind": "right"}),
-    ],
-)
-def test_sides_are_led_into_the_photo(
-    camera_x: tuple[float, ...], camera_y: tuple[float, ...], camera_z: tuple[float, ...], directions: dict[str, str]
-) -> None:
-    level = np.array([camera_x, camera_y, camera_z], dtype=float).T
-    pitch = math.radians(40)  # down
-    turn = level @ np.array([[1, 0, 0], [0, math.cos(pitch), math.sin(pitch)], [0, -math.sin(pitch), math.cos(pitch)]])
-    transform = np.eye(4)
-    transform[:3, :3], transform[:3, 3] = turn, np.array([0.5, 0.0, 0.0]) - 0.9 * turn[:, 2]
-    frame = FRAME | {"T_robot_cam": tuple(map(tuple, transform))}
-    scene = {"source": "s", "image": "i", "frame": frame, "objects": (), "relations": ()}
-    assert scene_for_prompt(SceneDescription.model_validate(scene), LIBRARY)["directions_in_photo"] == directions
 
 
 def test_relations_are_told_of_their_subject() -> None:

@@ -26,7 +26,8 @@ def block(reply: str, language: str) -> str:
 
 def task_for(scene: Json, seed: int = 0) -> Json:
     """A task definition for a scene; an empty one where the model has none to offer."""
-    reply = OfflineChatModel(seed=seed).invoke(render("task", {"scene": as_text(scene), "fixtures": ""}))
+    values = {"scene": as_text(scene), "fixtures": "", "sides": ""}
+    reply = OfflineChatModel(seed=seed).invoke(render("task", values))
     results: Json = json.loads(block(str(reply.text), "json")) if "```" in str(reply.text) else {}
     return results
 
@@ -99,5 +100,6 @@ def judge(words: str, told: TaskInWords, other_texts: Sequence[str] = ()) -> tup
     """The verdict on a task's words and what else is said of it, and the reason."""
     rows = "\n".join(as_text(row).replace("\n", " ") for row in told.objects)
     values = {"words": words, "other_texts": "\n".join(other_texts), "objects": rows, "goals": "\n".join(told.goals)}
+    values |= dict.fromkeys(("sentence", "notes"), "")
     answer: Json = json.loads(block(str(OfflineChatModel().invoke(render("judge", values)).text), "json"))
     return answer["verdict"], answer["reason"]

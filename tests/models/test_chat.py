@@ -24,14 +24,14 @@ class TestStandard(ChatModelUnitTests):
 
 
 def test_prompt_and_seed_decide_the_reply() -> None:
-    prompt = render("task", {"scene": as_text(rich_scene()), "fixtures": ""})
+    prompt = render("task", {"scene": as_text(rich_scene()), "fixtures": "", "sides": ""})
     first, second = (OfflineChatModel(seed=3).invoke(prompt) for _ in range(2))
     assert first.text == second.text
     assert len({OfflineChatModel(seed=seed).invoke(prompt).text for seed in range(8)}) > 3
 
 
 def test_usage_and_finish_reason_are_told() -> None:
-    answer = OfflineChatModel().invoke(render("task", {"scene": as_text(rich_scene()), "fixtures": ""}))
+    answer = OfflineChatModel().invoke(render("task", {"scene": as_text(rich_scene()), "fixtures": "", "sides": ""}))
     assert isinstance(answer, AIMessage)
     assert answer.usage_metadata is not None
     assert answer.usage_metadata["total_tokens"] == sum(
@@ -41,13 +41,13 @@ def test_usage_and_finish_reason_are_told() -> None:
 
 
 def test_a_stream_adds_up_to_the_reply() -> None:
-    prompt = render("task", {"scene": as_text(rich_scene()), "fixtures": ""})
+    prompt = render("task", {"scene": as_text(rich_scene()), "fixtures": "", "sides": ""})
     model = OfflineChatModel(seed=1)
     assert "".join(str(chunk.text) for chunk in model.stream(prompt)) == model.invoke(prompt).text
 
 
 def test_after_a_complaint_the_prompt_is_answered_again() -> None:
-    prompt = render("task", {"scene": as_text(rich_scene()), "fixtures": ""})
+    prompt = render("task", {"scene": as_text(rich_scene()), "fixtures": "", "sides": ""})
     model = OfflineChatModel()
     again = model.invoke([HumanMessage(prompt), AIMessage("nonsense"), HumanMessage("Reply again.")])
     assert again.text == model.invoke(prompt).text

@@ -232,8 +232,12 @@ class AuditConfig(Frozen):
     seeds: Annotated[int, Portable()] = Field(default=3, ge=1, le=100)  # number of task instances to solve
     # the least strict score, and the least published reward, that the oracle must reach on each
     reward: Annotated[float, Portable()] = Field(default=0.99, gt=0, le=1)
-    # model that compares the task's words with its goals: `offline`, another model, or that of the role `judge`
+    # model that compares the task's words with its goals: `offline`, another model, or null for that of the role
+    # `judge`; by default a model other than the task author's, if there is one
     judge: Annotated[str | None, Portable(r"offline")] = None
+    # `sentence`: words that nobody could judge are no fault, the task is accepted for the sentence of its goals;
+    # `agree`: the judge must agree with the words
+    words: Annotated[Literal["sentence", "agree"], Portable()] = "sentence"
 
 
 class AuthorConfig(Frozen):
@@ -305,9 +309,17 @@ class Config(Frozen):
     cassette: str | None = Field(default=None, max_length=4096)
 
     def model_for_role(self, role: str) -> ModelConfig:
-        """The model of ``role``. For the judge, ``audit.judge`` takes precedence."""
+        """The model of ``role``.
+
+        For the judge, ``audit.judge`` takes precedence. Without either, it is the first model that is not the task
+        author's; the author's own if there is no other.
+        """
         if role == "judge" and self.audit.judge is not None:
             return ModelConfig(model=self.audit.judge)
+        if role == "judge" and role not in self.models:
+            author = self.model_for_role("task")
+            others = [spec for spec in self.models.values() if spec.model not in (author.model, "offline")]
+            return others[0] if others and author.model != "offline" else author
         return self.models.get(role, self.models["default"])
 
     def price_of(self, model: str) -> Price | None:

@@ -38,7 +38,7 @@ Action = dict[str, Pose]
 PickAndPlace = Callable[[Pose, Pose], PickPlaceResult]
 _COMPARED: Final = ("max_steps", "timestep", "primitive", "sixdof", "pos_eps", "rot_eps", "ties", "goals")
 """Fields of two instances that must be equal, besides their objects: they decide how an episode goes."""
-_NAMED_LATER: Final = {"mass": None, "friction": None}
+_NAMED_LATER: Final = {"mass": None, "friction": None, "name": "", "added": False}
 """Fields that trusted code adds to the objects of a program, with the values that they have without."""
 
 

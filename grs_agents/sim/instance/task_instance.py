@@ -36,6 +36,8 @@ LIGHTEST, HEAVIEST = 0.001, 20.0
 """Bounds of a mass that the instance gives, kilograms."""
 LEAST_FRICTION, MOST_FRICTION = 0.05, 2.0
 """Coefficients of sliding friction: ice on steel, rubber on rubber."""
+LONGEST_NAME, LONGEST_INSTRUCTION = 100, 4000
+"""Characters of an object's name, and of the sentence that a task comes to."""
 WIDEST_PICTURE = 65_536
 """Pixels of a camera's side."""
 FARTHEST_VIEW = 100.0
@@ -71,6 +73,15 @@ class InstanceObject(Frozen):
     # kilograms, and the coefficient of sliding friction; None: the asset's own. Trusted code sets both of every object
     mass: Annotated[float, Field(allow_inf_nan=False, ge=LIGHTEST, le=HEAVIEST)] | None = None
     friction: Annotated[float, Field(allow_inf_nan=False, ge=LEAST_FRICTION, le=MOST_FRICTION)] | None = None
+    # set by trusted code: its everyday name, which equal objects share, and true for an object that the photo lacks
+    name: Annotated[str, Field(max_length=LONGEST_NAME)] = ""
+    added: bool = False
+
+    @model_serializer(mode="wrap")
+    def _leave_out_no_name(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Keep the JSON, and the hash, of an instance without names as before names existed."""
+        fields: dict[str, Any] = serialize(self)
+        return {key: value for key, value in fields.items() if value or key not in ("name", "added")}
 
     @model_validator(mode="after")
     def _check_pose_and_fill(self) -> Self:
@@ -167,6 +178,8 @@ class TaskInstance(Frozen):
     camera: InstanceCamera | None = None
     light: InstanceLight = InstanceLight()
     table: InstanceTable = InstanceTable()
+    # the sentence that GRS makes of the goals; set by trusted code once the audit has accepted them
+    instruction: Annotated[str, Field(max_length=LONGEST_INSTRUCTION)] = ""
     # assumptions of the runtime
     warnings: Annotated[tuple[Annotated[str, Field(max_length=500)], ...], Field(max_length=500)] = ()
 
@@ -177,8 +190,15 @@ class TaskInstance(Frozen):
 
     @property
     def language(self) -> str:
-        """The whole task in a sentence: those of its goals, without repetitions."""
-        return ", then ".join(dict.fromkeys(goal.language for goal in self.goals if goal.language)) or self.task
+        """The whole task in words: the sentence of GRS; without an audit those of the program for its goals."""
+        by_program = ", then ".join(dict.fromkeys(goal.language for goal in self.goals if goal.language))
+        return self.instruction or by_program or self.task
+
+    @model_serializer(mode="wrap")
+    def _leave_out_no_instruction(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Keep the JSON, and the hash, of an instance without an instruction as before instructions existed."""
+        fields: dict[str, Any] = serialize(self)
+        return {key: value for key, value in fields.items() if key != "instruction" or value}
 
     @model_validator(mode="after")
     def _check_ids_pairs_and_ties(self) -> Self:

@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose, Vec3
-from grs_agents.base.geometry.transforms import FloatArray, pose_matrix
+from grs_agents.base.geometry.transforms import FloatArray, pose_matrix, quaternion_to_matrix
 from grs_agents.library.asset_rendering import Lens
 from grs_agents.library.library import Library
 from grs_agents.sim.arms.arm import Arm
-from grs_agents.sim.instance.task_instance import InstanceObject
+from grs_agents.sim.instance.task_instance import InstanceCamera, InstanceObject
 from grs_agents.sim.world.spec import Tool
 
 
@@ -95,6 +95,16 @@ def lens_from_field_of_view(field_of_view: float, height: int, width: int) -> Le
     """Lens with a vertical field of view (deg) and the principal point in the middle of the image."""
     focal = float(height / 2 / np.tan(np.deg2rad(field_of_view) / 2))
     return Lens(focal, focal, (width - 1) / 2, (height - 1) / 2, width, height)
+
+
+def photo_lens_and_pose(camera: InstanceCamera, side: int) -> tuple[Lens, FloatArray]:
+    """Lens and pose (T_robot_cam (4, 4), OpenCV axes, m) of the photo's camera; ``side``: bound on the picture's longer
+    side, pixels."""
+    lens = Lens(camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height)
+    scale = min(1.0, side / max(camera.height, camera.width))
+    position, rotation = camera.pose
+    pose = pose_matrix(quaternion_to_matrix(rotation), np.array(position))
+    return resize_lens(lens, max(1, round(scale * camera.height)), max(1, round(scale * camera.width))), pose
 
 
 def lens_ray_directions(lens: Lens) -> FloatArray:

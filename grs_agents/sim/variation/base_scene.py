@@ -29,7 +29,6 @@ from grs_agents.sim.variation.rigid_groups import (
     Place,
     RigidGroup,
     find_rigid_groups,
-    outline_of_zone,
     prisms_of_objects,
 )
 from grs_agents.sim.world.compilation import compile_world, reset_world_to_poses
@@ -38,6 +37,7 @@ from grs_agents.sim.world.footprints import (
     find_nearby_prisms,
     find_prisms_at_pose,
     margins_inside_outline,
+    outline_of_zone,
     signed_outline_gaps,
 )
 from grs_agents.sim.world.spec import instance_to_spec, load_object_model

@@ -12,17 +12,16 @@ from typing import Final
 
 import numpy as np
 
-from grs_agents.base.geometry import transforms
 from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.library.library import Library
 from grs_agents.sim.goals.planning_scene import PlanningScene, enclosing_object_ids, supporting_object_ids
-from grs_agents.sim.instance.goal import Goal, Zone
+from grs_agents.sim.instance.goal import Goal
 from grs_agents.sim.instance.task_instance import TaskInstance
 from grs_agents.sim.world.footprints import (
     Prism,
     margins_inside_outline,
     object_prism_at_pose,
-    rectangle_outline,
+    outline_of_zone,
     signed_outline_gaps,
 )
 from grs_agents.sim.world.spec import load_object_model
@@ -52,12 +51,6 @@ class OwnedPlaces:
     zones: dict[Place, int] = field(default_factory=dict[Place, int])
     beside: frozenset[int] = frozenset()  # objects to whose side a goal's words refer
     between: tuple[tuple[int, int], ...] = ()  # pairs of such objects with a place between them
-
-
-def outline_of_zone(zone: Zone) -> FloatArray:
-    """Outline (4, 2) of a zone, seen from above."""
-    (x, y, _), turn = zone.pose
-    return rectangle_outline((x, y), zone.size[:2], transforms.yaw_of_quaternion(turn))
 
 
 def prisms_of_objects(instance: TaskInstance, library: Library) -> dict[int, Prism]:

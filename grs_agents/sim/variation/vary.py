@@ -24,10 +24,11 @@ from grs_agents.sim.instance.task_instance import (
     TaskInstance,
 )
 from grs_agents.sim.variation.base_scene import BaseScene, measure_base_scene, read_masses_and_frictions
-from grs_agents.sim.variation.rigid_groups import RigidGroup, outline_of_zone, prisms_of_objects
+from grs_agents.sim.variation.rigid_groups import RigidGroup, prisms_of_objects
 from grs_agents.sim.variation.types import Variation
+from grs_agents.sim.wording.sentence import describe_task
 from grs_agents.sim.world.bystanders import FIRST_BYSTANDER
-from grs_agents.sim.world.footprints import object_prism_at_pose, signed_outline_gaps
+from grs_agents.sim.world.footprints import object_prism_at_pose, outline_of_zone, signed_outline_gaps
 from grs_agents.sim.world.spec import load_object_model
 
 _ASIDE: Final = 0.6
@@ -206,6 +207,8 @@ def vary_instance(
         varied = varied.model_copy(update={"table": vary_table(varied, rng)})
     if variation.distractors:
         varied = varied.model_copy(update={"objects": add_distractors(varied, variation.distractors, rng, library)})
+    if instance.instruction:
+        varied = varied.model_copy(update={"instruction": describe_task(varied, library).specific})
     return TaskInstance.model_validate(dict(varied))
 
 

@@ -11,6 +11,7 @@ from grs_agents.base import Pose
 from grs_agents.base.geometry import transforms
 from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.library.shapes import ObjectModel, Shape
+from grs_agents.sim.instance.goal import Zone
 
 Value = TypeVar("Value")
 Rest = ParamSpec("Rest")
@@ -197,6 +198,12 @@ def rectangle_outline(center: tuple[float, float], size: tuple[float, float], ya
     """The outline (4, 2) of a turned rectangle."""
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * np.asarray(size) / 2
     return corners @ rotation_matrix_2d(yaw).T + np.asarray(center)
+
+
+def outline_of_zone(zone: Zone) -> FloatArray:
+    """Outline (4, 2) of a zone, seen from above, m."""
+    (x, y, _), turn = zone.pose
+    return rectangle_outline((x, y), zone.size[:2], transforms.yaw_of_quaternion(turn))
 
 
 def rotation_matrix_2d(yaw: float) -> FloatArray:

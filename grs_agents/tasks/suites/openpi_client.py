@@ -75,7 +75,7 @@ class OpenpiClient:
         """
         self.connect()
         try:
-            cast(Any, self._connection).send(self._msgpack.packb(observation, default=_pack_array))
+            self._connection.send(self._msgpack.packb(observation, default=_pack_array))
             reply = self._receive()
         except (OSError, TimeoutError):
             self.close()
@@ -92,7 +92,7 @@ class OpenpiClient:
     def _receive(self) -> Any:
         exceptions: Any = import_module("websockets.exceptions")
         try:
-            message = cast(Any, self._connection).recv(self._timeout)
+            message = self._connection.recv(self._timeout)
         except TimeoutError as error:
             raise TimeoutError(f"{self._address} gave no reply within {self._timeout:g} s") from error
         except exceptions.WebSocketException as error:

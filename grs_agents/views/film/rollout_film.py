@@ -297,7 +297,8 @@ def write_moment_captions(
         held = grasp.body.removeprefix("object_") if grasp else ""
         goals_of_held = (goal for goal in instance.goals if held in map(str, goal.objects))
         goal = next(goals_of_held, next(iter(instance.goals), None))
-        yield (goal.language if goal is not None else instance.task), (cause if ended else "") or action, outcome
+        words = instance.instruction or (goal.language if goal is not None else instance.task)
+        yield words, (cause if ended else "") or action, outcome
 
 
 def _asset_name_as_words(asset: str) -> str:

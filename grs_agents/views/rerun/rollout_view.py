@@ -243,7 +243,8 @@ def _show_goals(recording: RerunRecording, instance: TaskInstance) -> None:
         colors=[_GREEN] * len(zones),
     )
     recording.log(f"{Paths.WORLD}/zones", boxes)
-    recording.log(f"{Paths.WORLD}/task", rr.TextDocument("\n".join(goal.language for goal in instance.goals)))
+    words = instance.instruction or "\n".join(goal.language for goal in instance.goals)
+    recording.log(f"{Paths.WORLD}/task", rr.TextDocument(words))
 
 
 def _robot_body_path(body: str) -> str:

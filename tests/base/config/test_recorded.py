@@ -20,6 +20,7 @@ CHANGED: dict[str, Any] = {
     "models.default.arguments": {"custom_class": "os:system"},
     "models.default.fallbacks": [{"model": "package.module:Class"}],
     "audit.judge": "package.module:Class",
+    "audit.words": "agree",
     "policy": "package.module:Policy",
     "robot": "/home/somebody/arm.xml",
     "graph": "../graphs/mine",

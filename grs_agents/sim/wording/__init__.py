@@ -1,0 +1,1 @@
+"""Sentences in English about a task instance, from its goals and poses alone."""
