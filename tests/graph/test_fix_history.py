@@ -3,7 +3,7 @@
 import json
 from collections import Counter
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 
@@ -36,9 +36,11 @@ STUBBORN = {
 ASSERTED = {"id": "T.test_a", "outcome": "failed", "message": "1 != 2", "raised_in": "tests"}
 
 
-def run_stubborn(state: RunState, folder: Path, sandbox: Sandbox, **replies: str) -> tuple[dict[str, Any], Services]:
+def run_stubborn(
+    state: RunState, folder: Path, sandbox: Sandbox, words: Literal["sentence", "agree"] = "sentence", **replies: str
+) -> tuple[dict[str, Any], Services]:
     """The graph ``grs`` from the scene on, with a model that never changes its mind."""
-    config = Config(max_fixes=12, audit=AuditConfig(seeds=1))
+    config = Config(max_fixes=12, audit=AuditConfig(seeds=1, words=words))
     model = StubbornModel(replies={**STUBBORN, **replies})
     agents = StubbornAgents(config, EventLog(folder / "events.jsonl"), folder, stubborn=model)
     services = Services(config, agents.log, agents, load_policy("llm"), sandbox, folder)
@@ -104,10 +106,10 @@ def test_a_revised_task_is_written_for_anew_and_what_was_given_up_is_recorded(
 @pytest.mark.parametrize(
     ("measured", "revisable", "verdicts"),
     [
-        ("unclear, says the judge (m): which cube?", True, ["fix_task"]),
-        ("unclear, says the judge (m): which cube?", False, []),
-        ("differs, says the judge (m): the cube stays", True, ["fix_code", "fix_task"]),
-        ("differs, says the judge (m): the cube stays", False, ["fix_code"]),
+        ("not_judged, says m: which cube?", True, ["fix_task"]),
+        ("not_judged, says m: which cube?", False, []),
+        ("differ, says m: the cube stays", True, ["fix_code", "fix_task"]),
+        ("differ, says m: the cube stays", False, ["fix_code"]),
     ],
 )
 def test_no_program_is_changed_for_unclear_words(
@@ -128,6 +130,7 @@ def test_a_run_whose_words_stay_unclear_revises_the_task_once_and_changes_no_pro
         state,
         tmp_path,
         sandbox,
+        words="agree",
         tests=fenced(TESTS),
         judge=fenced(json.dumps({"verdict": "unclear", "reason": "Where to?"}), "json"),
         fix_task=fenced(json.dumps(plainer), "json"),

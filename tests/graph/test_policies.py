@@ -351,9 +351,9 @@ def test_what_is_out_of_reach_in_the_photo_is_the_tasks() -> None:
 @pytest.mark.parametrize(
     ("measured", "verdicts", "verdict"),
     [
-        ("unclear, says the judge (m): which cube?", ("fix_task",), "fix_task"),
+        ("not_judged, says m: which cube?", ("fix_task",), "fix_task"),
         ("the judge model gave no usable reply in 3 tries: no JSON", ("fix_task",), "fix_task"),
-        ("differs, says the judge (m): the can stays", ("fix_code", "fix_task"), "fix_code"),
+        ("differ, says m: the can stays", ("fix_code", "fix_task"), "fix_code"),
     ],
 )
 def test_unclear_words_are_the_tasks(measured: str, verdicts: tuple[Any, ...], verdict: str) -> None:

@@ -29,7 +29,7 @@ IMPORT = (
 TIPPED = SHORT.replace(
     "concerns:", "physics: the arm cannot hold HOPE/Milk.urdf there: it tipped off the cup\nconcerns:"
 )
-WORDS = "== audit\nfailed: 24 of 25 checks hold\n- words: FAILED: unclear, says the judge: which cube?"
+WORDS = "== audit\nfailed: 24 of 25 checks hold\n- words: FAILED: not_judged, says m: which cube?"
 AUDIT = "== audit\nfailed: 7 of 8 checks hold\n- moved: FAILED: objects moved: [1]; at least 2 must"
 HEAD = "== tests\nfailed: 0 of 1 tests passed\n"
 
@@ -48,7 +48,7 @@ HEAD = "== tests\nfailed: 0 of 1 tests passed\n"
         (AUDIT, "fix_code", "moved"),
         (TIPPED, "fix_task", "tipped off the cup"),
         (WORDS, "fix_task", "which cube"),
-        (WORDS.replace("unclear", "differs"), "fix_code", "which cube"),
+        (WORDS.replace("not_judged", "differ"), "fix_code", "which cube"),
         ("== tests\nno_tests: 0 of 0 tests passed", "fix_test", "no tests"),
         (f"{HEAD}TestX.test_a: no_assertion", "fix_test", "checks nothing"),
         ("== tests\nload_tests: 0 of 0 tests passed", "fix_test", "no tests that count"),

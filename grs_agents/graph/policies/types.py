@@ -66,7 +66,7 @@ class Policy(Protocol):
 
 def are_words_unclear(finding: AuditFinding) -> bool:
     """Whether a finding is that nobody can tell what the words ask for, which no program changes."""
-    return finding.check == "words" and not finding.passed and not finding.measured.startswith("differs")
+    return finding.check == "words" and not finding.passed and not finding.measured.startswith("differ,")
 
 
 def list_stable_failures(report: TestReport) -> tuple[str, ...]:

@@ -166,8 +166,8 @@ def decide_verdict_from_evidence(evidence: Evidence, neglected: tuple[str, ...] 
         return "fix_test", f"The audit finds fault with the tests alone: {about}."
     if neglected:
         return "fix_code", f"The task's words move {', '.join(neglected)}, which the robot did not: the goals lack it."
-    words = evidence.findings.get("words", "differs")
-    if not words.startswith("differs"):
+    words = evidence.findings.get("words", "differ,")
+    if not words.startswith("differ,"):
         return "fix_task", f"The words of the task are at fault: {words}."
     if evidence.shortfalls:
         oracle = evidence.shortfalls[0]
