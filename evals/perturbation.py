@@ -105,7 +105,7 @@ def _is_solved(instance: TaskInstance, condition: _Condition, library: Library) 
         update={"objects": tuple(_perturb_object(item, condition) for item in instance.objects)}
     )
     task = InstanceTask(changed)
-    env = Environment(task=task, library=library, seed=changed.seed, robot=changed.robot)
+    env = Environment(task=task, library=library, seed=changed.seed, robot=changed.robot, hand=changed.hand)
     env.timestep = changed.timestep
     rng = None
     if condition.noise:

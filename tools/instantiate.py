@@ -77,6 +77,8 @@ class Request(ToolRequest):
     """Asset folders, later ones win; none means the library shipped with GRS."""
     robot: str = "ur5e"
     """``ur5e``, ``panda`` or the path of an MJCF file."""
+    hand: str = "suction"
+    """``suction``, ``franka_hand`` or ``robotiq_2f85``."""
     background: str | None = None
     """Library name of what stands fixed around the robot, so that nothing is placed in it."""
     bystanders: tuple[InstanceObject, ...] = ()
@@ -210,6 +212,7 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
         limits=Limits.model_validate(request["limits"]),
         background=request["background"],
         bystanders=bystanders,
+        hand=request["hand"],
     )
     ballast = _allocate_blocks(request["ballast"])
     items: Sequence[str] = request["items"]

@@ -50,6 +50,8 @@ class Request(ToolRequest):
     """Asset folders, later ones win; none means the library shipped with GRS."""
     robot: str = "ur5e"
     """``ur5e``, ``panda`` or the path of an MJCF file."""
+    hand: str = "suction"
+    """``suction``, ``franka_hand`` or ``robotiq_2f85``."""
     background: str | None = None
     """Library name of what stands fixed around the robot."""
     bystanders: tuple[InstanceObject, ...] = ()
@@ -128,7 +130,7 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
     limits, library = Limits.model_validate(request["limits"]), open_library(request["library_roots"])
     asked = {one["name"]: ProbeRun.model_validate(one) for one in request["runs"]}
     bystanders = [sim.InstanceObject.model_validate(item) for item in request["bystanders"]]
-    around = (request["robot"], limits, request["background"], bystanders)
+    around = (request["robot"], limits, request["background"], bystanders, request["hand"])
     memory = sim.EpisodeMemory()
     report, run_suite, finish = report_progress, run_suite_once, sim.Probe.finish_and_report
     for item in request["items"]:

@@ -103,7 +103,7 @@ def _draw_scene(asked: Request, limits: Limits) -> tuple[bytes, dict[int, Box]]:
 
     instance = sim.TaskInstance.model_validate(asked.instance)
     library = open_library(asked.library_roots)
-    sim.set_environment_defaults(library, instance.seed, instance.robot, limits)
+    sim.set_environment_defaults(library, instance.seed, instance.robot, limits, hand=instance.hand)
     view = LookAtCamera(asked.position, asked.target, height=asked.height, width=asked.width)
     if asked.poses is not None:
         placed = [item.model_copy(update={"pose": asked.poses.get(item.id, item.pose)}) for item in instance.objects]
@@ -139,7 +139,8 @@ def _prepare_visible_scene(asked: Request, instance: "TaskInstance", library: Li
     from grs_agents.sim.tabletop_episode import follow_oracle, open_instance_episode
 
     if asked.poses is not None:
-        return VisibleScene(instance.objects, library, arm=get_arm(instance.robot), background=instance.background)
+        arm = get_arm(instance.robot, instance.mounted_hand)
+        return VisibleScene(instance.objects, library, arm=arm, background=instance.background)
     episode = open_instance_episode(instance, library)
     episode.reset()
     if asked.moment == "end":

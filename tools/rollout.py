@@ -108,7 +108,7 @@ def _solve(job: Job, open_once: Callable[[], Library], limits: Limits) -> dict[s
     try:
         library = open_once()
         instance = sim.TaskInstance.model_validate(job.instance)
-        sim.set_environment_defaults(library, instance.seed, instance.robot, limits)
+        sim.set_environment_defaults(library, instance.seed, instance.robot, limits, hand=instance.hand)
         done = sim.rollout(instance, library, recording if job.recording else None, job.trials)
     except (GrsError, ValueError) as error:
         return {**Outcome(rollout=None, outcome="error", error=str(error)).model_dump(mode="json"), "motion": None}

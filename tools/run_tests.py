@@ -26,6 +26,8 @@ class Request(ToolRequest):
     """Asset folders, later ones win; none means the library shipped with GRS."""
     robot: str = "ur5e"
     """``ur5e``, ``panda`` or the path of an MJCF file."""
+    hand: str = "suction"
+    """``suction``, ``franka_hand`` or ``robotiq_2f85``."""
     background: str | None = None
     """Library name of what stands fixed around the robot, so that nothing is placed in it."""
     bystanders: tuple[InstanceObject, ...] = ()
@@ -53,6 +55,7 @@ def run(request: Request, context: ToolContext) -> Result:
         extra={
             "library_roots": request.library_roots,
             "robot": request.robot,
+            "hand": request.hand,
             "background": request.background,
             "bystanders": [item.model_dump(mode="json") for item in request.bystanders],
             "limits": context.limits.model_dump(mode="json"),
@@ -72,6 +75,7 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
     limits = Limits.model_validate(extra["limits"])
     library, background = open_library(extra["library_roots"]), extra["background"]
     bystanders = [sim.InstanceObject.model_validate(item) for item in extra["bystanders"]]
-    sim.set_environment_defaults(library, request["seed"], extra["robot"], limits, background, bystanders)
+    around = (extra["robot"], limits, background, bystanders, extra["hand"])
+    sim.set_environment_defaults(library, request["seed"], *around)
     sim.Environment.witness = sim.EpisodeReplay(sim.EpisodeMemory())  # most tests run the same episode
     return run_tests_inside(request)

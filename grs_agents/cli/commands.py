@@ -24,6 +24,7 @@ from grs_agents.cli.options import (
     Distractors,
     Episodes,
     Friction,
+    Hand,
     InstanceSeed,
     InstancesOut,
     Jitter,
@@ -37,6 +38,7 @@ from grs_agents.cli.options import (
     Record,
     Reports,
     Resume,
+    Robot,
     RolloutSeed,
     Seed,
     Settings,
@@ -52,6 +54,7 @@ from grs_agents.cli.options import (
     Yaw,
     add_camera_settings,
     add_model_setting,
+    add_robot_settings,
     build_recording_settings,
     build_variation_from_options,
     check_graph_is_scene,
@@ -136,6 +139,8 @@ def run(
     models: Models = None,
     camera: Camera = None,
     depth_scale: DepthScale = None,
+    robot: Robot = None,
+    hand: Hand = None,
     seed: Seed = None,
     out: Out = None,
     resume: Resume = False,
@@ -150,7 +155,7 @@ def run(
     from grs_agents.cli.run import run_graph
 
     settings = [*build_recording_settings(record, cassette), *add_model_setting(settings, models)]
-    settings = add_camera_settings(settings, camera, depth_scale)
+    settings = add_robot_settings(add_camera_settings(settings, camera, depth_scale), robot, hand)
     chosen = load_effective_config(config, settings, seed, unsafe)
     named = scene or find_unnamed_scene(out if resume else None, cassette)
     sys.exit(run_graph("run", named, chosen, out, resume, json, view, otel, recorded_source=resume and scene is None))
@@ -164,6 +169,8 @@ def scene(
     models: Models = None,
     camera: Camera = None,
     depth_scale: DepthScale = None,
+    robot: Robot = None,
+    hand: Hand = None,
     seed: Seed = None,
     out: Out = None,
     json: Json = False,
@@ -172,6 +179,7 @@ def scene(
     from grs_agents.cli.run import run_graph
 
     settings = add_camera_settings(add_model_setting(settings, models), camera, depth_scale)
+    settings = add_robot_settings(settings, robot, hand)
     check_graph_is_scene(load_effective_config(config, settings, seed))
     chosen = load_effective_config(config, [*settings, "graph=scene"], seed)
     sys.exit(run_graph("scene", scene, chosen, out, False, json))

@@ -27,6 +27,12 @@ _SET = typer.Option(
 )
 Settings = Annotated[list[str] | None, _SET]
 Seed = Annotated[int | None, typer.Option("--seed", help="The seed of everything random.", metavar="N")]
+Robot = Annotated[
+    str | None, typer.Option("--robot", help="The arm: ur5e, panda or the path of an MJCF file.", metavar="NAME")
+]
+Hand = Annotated[
+    str | None, typer.Option("--hand", help="Its hand: suction, franka_hand or robotiq_2f85.", metavar="NAME")
+]
 Models = Annotated[
     list[str] | None,
     typer.Option(
@@ -140,6 +146,12 @@ def load_effective_config(
 def add_model_setting(settings: list[str] | None, models: list[str] | None) -> list[str]:
     """The settings plus ``--model``: ``--model NAME`` is ``--set models.default=NAME``."""
     return [*(settings or []), *([f"models.default={json.dumps(models)}"] if models else [])]
+
+
+def add_robot_settings(settings: list[str], robot: str | None, hand: str | None) -> list[str]:
+    """The settings plus ``robot`` of ``--robot`` and ``hand`` of ``--hand``."""
+    named = (("robot", robot), ("hand", hand))
+    return [*settings, *(f"{key}={json.dumps(value)}" for key, value in named if value is not None)]
 
 
 def add_camera_settings(settings: list[str], camera: str | None, depth_scale: float | None) -> list[str]:

@@ -11,6 +11,7 @@ from grs_agents.perception import types
 from grs_agents.perception.settling.settling import PlacedObject, to_instance_objects
 from grs_agents.perception.types import SceneDescription, SceneObject
 from grs_agents.sim.goals.scores import DISTURBED
+from grs_agents.sim.hands.registry import DEFAULT_HAND
 from grs_agents.sim.instance.task_instance import InstanceObject, TaskInstance
 from grs_agents.sim.pick_trials import explain_unpickable_objects, find_objects_overlapping_robot
 from grs_agents.sim.tabletop_episode import open_instance_episode
@@ -53,11 +54,14 @@ def program_tool_settings(scene: SceneDescription | None, services: Services) ->
         "background": scene.background if scene is not None else None,
         "bystanders": () if around is None else photo_objects(around, services.library),
         "robot": services.robot_name_or_path,
+        "hand": services.config.hand,
         **services.library_root_fields,
     }
 
 
-def prepare_scene_for_tasks(scene: SceneDescription, library: Library, robot: str) -> SceneDescription:
+def prepare_scene_for_tasks(
+    scene: SceneDescription, library: Library, robot: str, hand: str = DEFAULT_HAND
+) -> SceneDescription:
     """Fit the scene to the world of its tasks, which has the arm and the background, and in which objects may roll.
 
     Objects that intersect the robot are left out. Objects that do not stay are held in the air, the lowest first: an
@@ -78,6 +82,7 @@ def prepare_scene_for_tasks(scene: SceneDescription, library: Library, robot: st
             objects=items,
             background=scene.background,
             robot=robot,
+            hand=hand,
         )
         episode = open_instance_episode(instance, library)
         episode.reset()

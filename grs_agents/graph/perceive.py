@@ -120,7 +120,7 @@ def read_photo_into_run(state: RunState, services: Services) -> Update:
     source, config = Path(state["scene_path"]), services.config
     _require_scene_of_user(source, services)
     if is_known_scene(source):
-        scene = copy_scene_from_run(source, services.folder, config.robot)
+        scene = copy_scene_from_run(source, services.folder, config.robot, config.hand)
         for event in read_events(source / "events.jsonl"):
             if isinstance(event, SceneStage):
                 services.log.append(SceneStage(stage=event.stage, summary=event.summary, files=event.files))
@@ -366,7 +366,7 @@ def settle_objects(state: RunState, services: Services) -> Update:
 def _prepare_scene_for_tasks(scene: SceneDescription, services: Services) -> SceneDescription:
     """Hold or leave out the objects that the world of the tasks does not bear, with a warning for each."""
     try:
-        scene = prepare_scene_for_tasks(scene, services.library, services.robot_name_or_path)
+        scene = prepare_scene_for_tasks(scene, services.library, services.robot_name_or_path, services.config.hand)
     except GrsError as error:
         _log_warnings([f"whether all stays at rest is not known: {error.message}"], services)
     held = [item.name for item in scene.objects if item.held]

@@ -268,6 +268,7 @@ def instantiate_program_for_seeds(
     surroundings: dict[str, Any] = {
         "background": None if scene is None else scene.background,
         "robot": services.robot_name_or_path,
+        "hand": services.config.hand,
         "camera": None if scene is None else _describe_camera(scene),
         "light": InstanceLight(),
         "table": InstanceTable() if scene is None else scene.instance_table,

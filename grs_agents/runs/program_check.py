@@ -140,8 +140,9 @@ def open_check_order(
                 changes: dict[str, Any] = {}
                 if chosen.sources.get("robot", "default") == "default":
                     changes["robot"] = find_recorded_robot(file.parent, recorded)
-                if chosen.sources.get("seed", "default") == "default":
-                    changes["seed"] = recorded.select_portable().get("seed", config.seed)
+                for key in ("seed", "hand"):
+                    if chosen.sources.get(key, "default") == "default":
+                        changes[key] = recorded.select_portable().get(key, getattr(config, key))
                 config = change_config(config, **changes)
             assets = file.parent.resolve() / "assets"
             order = replace(order, scene=_path_if_file_exists(file), assets=assets, config=config)

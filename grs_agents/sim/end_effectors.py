@@ -1,14 +1,22 @@
-"""End effectors: the tools at the end of the arm, and the action that each carries out between two poses of its tip."""
+"""End effectors: the tools at the end of the arm, their grasps, and the action of each between two poses of its tip."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, Protocol
 
 from grs_agents.base import Pose
+from grs_agents.base.geometry import transforms
+from grs_agents.sim.hands.hand import Tool
+from grs_agents.sim.hands.registry import DEFAULT_HAND, get_hand
 from grs_agents.sim.instance.episode import Outcome
 from grs_agents.sim.instance.task_instance import Primitive
+from grs_agents.sim.motion.finger_grasps import find_finger_grasps
+from grs_agents.sim.motion.grasp import find_grasp
+from grs_agents.sim.motion.hand_room import HandRoom
 from grs_agents.sim.motion.pick_place import PickPlaceResult
 from grs_agents.sim.motion.push import PushResult
-from grs_agents.sim.world.spec import Tool
+from grs_agents.sim.world.footprints import Prism
+from grs_agents.sim.world.physics import Physics
 
 
 @dataclass(frozen=True)
@@ -19,6 +27,17 @@ class ActionEffect:
     note: str  # one clause on how it went
     trouble: Outcome | None = None  # kind of failure, if it has a name
     pushed: tuple[int, ...] = ()  # ids of the objects pushed, farthest first
+
+
+@dataclass(frozen=True)
+class Grasps:
+    """Poses of the tip that take an object, best first, or why there are none."""
+
+    poses: tuple[Pose, ...]
+    hindered_by: tuple[int, ...] = ()  # ids of the objects in the way of all, most frequent first
+    covered_by: frozenset[int] = frozenset()  # of these the objects on top of it
+    trouble: Outcome | None = None
+    why: str = ""  # a clause with ``{name}`` for the object
 
 
 class Workbench(Protocol):
@@ -50,6 +69,23 @@ class EndEffector(Protocol):
         """Carry out an action between two poses of the tip."""
         ...
 
+    def find_grasps(self, physics: Physics, number: int, outline: Prism, others: Sequence[Prism]) -> Grasps:
+        """Grasps of an object as it stands: ``outline`` is its prism, ``others`` those of all other objects."""
+        ...
+
+    def find_grasps_for_place(
+        self, physics: Physics, number: int, grasps: Grasps, carry: Callable[[Pose], Pose]
+    ) -> Grasps:
+        """Grasps that also serve where the object is let go.
+
+        Args:
+            physics: the running world.
+            number: id of the object.
+            grasps: those found for any place.
+            carry: pose of the tip at the place, from the pose that takes the object.
+        """
+        ...
+
 
 class SuctionCup:
     """Suction cup: picks at the first pose, places at the second."""
@@ -61,6 +97,24 @@ class SuctionCup:
         """Pick and place."""
         result = sim.pick_place(start, end)
         return ActionEffect(result.grasped, result.note, result.trouble)
+
+    def find_grasps(self, physics: Physics, number: int, outline: Prism, others: Sequence[Prism]) -> Grasps:
+        """The best point on top of an object."""
+        hold = find_grasp(physics, number, outline, others)
+        if hold.point is not None:
+            return Grasps(((hold.point, transforms.IDENTITY),))
+        why = "is flat and wide enough for the cup to seal"
+        if hold.trouble == "would_tip":
+            why = "is so near to the middle of its weight that it would not tip off the cup"
+        why = "" if hold.hindered_by else f"no place on top of {{name}} {why}"
+        return Grasps((), hold.hindered_by, hold.covered_by, hold.trouble, why)
+
+    def find_grasps_for_place(
+        self, physics: Physics, number: int, grasps: Grasps, carry: Callable[[Pose], Pose]
+    ) -> Grasps:
+        """The same: a cup is above what it holds."""
+        del physics, number, carry
+        return grasps
 
 
 class Blade:
@@ -74,6 +128,63 @@ class Blade:
         result = sim.push(start, end)
         return ActionEffect(next(iter(result.pushed), None), result.note, pushed=result.pushed)
 
+    def find_grasps(self, physics: Physics, number: int, outline: Prism, others: Sequence[Prism]) -> Grasps:
+        """None: a blade picks nothing up."""
+        del physics, number, outline, others
+        return Grasps((), trouble="unreachable", why="the spatula pushes, it does not pick {name} up")
+
+    def find_grasps_for_place(
+        self, physics: Physics, number: int, grasps: Grasps, carry: Callable[[Pose], Pose]
+    ) -> Grasps:
+        """None, as ``find_grasps``."""
+        del physics, number, carry
+        return grasps
+
+
+class TwoFingers:
+    """Two fingers: close on what is between them at the first pose, and open at the second."""
+
+    tool: Tool = "fingers"
+    primitive: Primitive = "pick_place"
+
+    def __init__(self) -> None:
+        self._room: tuple[Physics, HandRoom] | None = None
+
+    def act(self, sim: Workbench, start: Pose, end: Pose) -> ActionEffect:
+        """Pick and place."""
+        result = sim.pick_place(start, end)
+        return ActionEffect(result.grasped, result.note, result.trouble)
+
+    def find_grasps(self, physics: Physics, number: int, outline: Prism, others: Sequence[Prism]) -> Grasps:
+        """Antipodal grasps with room for the hand, from above if there are any."""
+        del outline, others
+        return self._find_grasps(physics, number, None)
+
+    def find_grasps_for_place(
+        self, physics: Physics, number: int, grasps: Grasps, carry: Callable[[Pose], Pose]
+    ) -> Grasps:
+        """Those that leave the fingers room to open at the place, and to draw back."""
+        del grasps
+        return self._find_grasps(physics, number, carry)
+
+    def _find_grasps(self, physics: Physics, number: int, carry: Callable[[Pose], Pose] | None) -> Grasps:
+        found = find_finger_grasps(physics, self._look(physics), number, carry)
+        poses = tuple(grasp.pose for grasp in found.grasps)
+        return Grasps(poses, found.covered_by, trouble=found.trouble, why=found.why)
+
+    def _look(self, physics: Physics) -> HandRoom:
+        if self._room is None or self._room[0] is not physics:
+            self._room = physics, HandRoom(physics)
+        self._room[1].look(physics)
+        return self._room[1]
+
 
 END_EFFECTORS: Final[dict[Primitive, type[SuctionCup] | type[Blade]]] = {"pick_place": SuctionCup, "push": Blade}
-"""The end effector of each primitive."""
+"""The end effector of each primitive, with the default hand."""
+
+
+def make_end_effector(primitive: Primitive, hand: str = DEFAULT_HAND) -> EndEffector:
+    """The end effector of a primitive, by the configured name of the robot's hand; pushing takes the spatula."""
+    if primitive == "pick_place" and get_hand(hand).tool == "fingers":
+        return TwoFingers()
+    return END_EFFECTORS[primitive]()

@@ -4,12 +4,10 @@ from typing import Final
 
 import numpy as np
 
-from grs_agents.base.geometry import transforms
 from grs_agents.sim.expert.oracle import Oracle
 from grs_agents.sim.goals.planning_scene import PlanningScene, carried_object_ids
 from grs_agents.sim.goals.task_accounting import ScoredTask
 from grs_agents.sim.instance.episode import Stop
-from grs_agents.sim.motion.pick_place import PickPlaceMotion
 from grs_agents.sim.tabletop import TabletopSim
 from grs_agents.sim.world.footprints import margins_inside_outline
 
@@ -30,15 +28,14 @@ def explain_unpickable_objects(sim: TabletopSim, task: ScoredTask) -> dict[int, 
         if carried := carried_object_ids(number, view):
             reasons[number] = f"it carries {' and '.join(labels[other] for other in carried)}"
             continue
-        point = oracle.find_pick_point(number, view)
+        point = oracle.find_holds(number, view)
         if isinstance(point, Stop):
             reasons[number] = point.detail
         elif not isinstance(point, tuple):
             reasons[number] = f"{labels[point.blocker]} covers it"
         else:
-            hand = PickPlaceMotion(sim.physics, sim.collider_prisms, labels)
-            lifted = hand.pick_and_lift((point, transforms.IDENTITY), _LIFT)
-            sim.physics.cup.release()
+            lifted = sim.pick_place_motion.pick_and_lift(point[0], _LIFT)
+            sim.physics.grip.release()
             sim.physics.restore_state(saved)
             if not lifted.placed or lifted.grasped != number:
                 reasons[number] = lifted.note

@@ -16,8 +16,10 @@ from grs_agents.base.geometry import transforms
 from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.library.library import Library
 from grs_agents.library.shapes import ObjectModel
+from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.registry import get_arm
-from grs_agents.sim.end_effectors import EndEffector, SuctionCup
+from grs_agents.sim.end_effectors import EndEffector, make_end_effector
+from grs_agents.sim.hands.registry import DEFAULT_HAND
 from grs_agents.sim.instance.episode import (
     Episode,
     InvalidValueError,
@@ -28,6 +30,7 @@ from grs_agents.sim.instance.episode import (
 from grs_agents.sim.instance.faults import describe_first_error
 from grs_agents.sim.instance.task_instance import InstanceObject, InstanceTie
 from grs_agents.sim.motion import placement
+from grs_agents.sim.motion.finger_pick_place import FingerPickPlace
 from grs_agents.sim.motion.pick_place import PickPlaceMotion, PickPlaceResult
 from grs_agents.sim.motion.push import Push, PushResult
 from grs_agents.sim.rendering.cameras import VisibleScene
@@ -81,6 +84,7 @@ class TabletopSim:
         seed: of ``rng``, which places objects at random; None for the context's.
         budget: simulated steps allowed.
         robot: ``"ur5e"``, ``"panda"`` or the path of an MJCF file; None for the context's.
+        hand: ``"suction"``, ``"franka_hand"`` or ``"robotiq_2f85"``; None for the context's.
         context: settings and bystanders of every scene; None for an empty table.
     """
 
@@ -91,17 +95,19 @@ class TabletopSim:
         seed: int | None = None,
         budget: int = DEFAULT_BUDGET,
         robot: str | None = None,
+        hand: str | None = None,
         context: SimContext | None = None,
     ) -> None:
         self.context = context or SimContext()
         self.library, self.budget = library, Budget(budget)
-        self.arm = get_arm(robot or self.context.robot)
+        self.robot, self.hand = robot or self.context.robot, hand or self.context.hand
+        get_arm(self.robot, self.hand)  # refused now if it cannot be used
         self.bounds: FloatArray = np.array([[0.25, 0.75], [-0.5, 0.5], [0.0, 0.28]])  # metres
         self.recorder = Recorder()
         self.places: dict[int, Pose] = {}  # of every object once the scene had settled
         self.seed(seed)
         self.timestep = spec.TIMESTEP
-        self.end_effector: EndEffector = SuctionCup()
+        self.end_effector: EndEffector = make_end_effector("pick_place", self.hand)
         self.background = self.context.background
         self._objects: dict[int, InstanceObject] = {}
         self._copies: dict[int, tuple[InstanceObject, InstanceObject]] = {}  # objects with their last pose
@@ -111,6 +117,11 @@ class TabletopSim:
         self._physics: Physics | None = None
         self._stale, self._vertices = False, 0
         self._world: tuple[object, compilation.World] | None = None
+
+    @property
+    def arm(self) -> Arm:
+        """The arm with the hand of the present end effector: pushing takes a spatula in place of any hand."""
+        return get_arm(self.robot, DEFAULT_HAND if self.end_effector.tool == "spatula" else self.hand)
 
     def seed(self, seed: int | None = None) -> int:
         """Seed ``rng``, which places objects at random; None for the context's seed. Returns the seed used."""
@@ -440,7 +451,13 @@ class TabletopSim:
 
     def pick_place(self, pick: Pose, place: Pose) -> PickPlaceResult:
         """Pick at one pose of the tip and place at another; does not score."""
-        return PickPlaceMotion(self.physics, self.collider_prisms, self.object_labels).pick_and_place(pick, place)
+        return self.pick_place_motion.pick_and_place(pick, place)
+
+    @property
+    def pick_place_motion(self) -> PickPlaceMotion | FingerPickPlace:
+        """Motions of the arm, from where it is now, that pick and place with its hand."""
+        motion = FingerPickPlace if self.end_effector.tool == "fingers" else PickPlaceMotion
+        return motion(self.physics, self.collider_prisms, self.object_labels)
 
     def push(self, pose0: Pose, pose1: Pose) -> PushResult:
         """Push along the table from one pose towards another with the blade; does not score."""
@@ -462,7 +479,7 @@ class TabletopSim:
         return VisibleScene(
             tuple(self._objects.values()),
             self.library,
-            self.arm.home_joints.copy() if self._physics is None else self._physics.joint_positions,
+            self.arm.home_joints.copy() if self._physics is None else self._physics.robot_positions,
             self.arm,
             self.end_effector.tool,
             tuple(self.get_object_pose(number) for number in self._objects),

@@ -9,7 +9,7 @@ from grs_agents.base import Pose
 from grs_agents.base.errors import GrsError
 from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.library.library import Library
-from grs_agents.sim.end_effectors import END_EFFECTORS, EndEffector
+from grs_agents.sim.end_effectors import EndEffector, make_end_effector
 from grs_agents.sim.expert.oracle import Oracle
 from grs_agents.sim.expert.push_oracle import PushOracle
 from grs_agents.sim.goals import task_accounting
@@ -145,7 +145,7 @@ class InstanceTask(GoalTask):
     @property
     def end_effector(self) -> EndEffector:
         """Hand that carries out the instance's actions."""
-        return END_EFFECTORS[self.instance.primitive]()
+        return make_end_effector(self.instance.primitive, self.instance.hand)
 
     def reset(self, env: TabletopSim) -> None:
         """Add the instance's objects, ties and goals."""
@@ -286,7 +286,7 @@ InstanceEpisode = TabletopEpisode[InstanceTask]
 
 def open_instance_episode(instance: TaskInstance, library: Library, budget: int = DEFAULT_BUDGET) -> InstanceEpisode:
     """Episodes of a task instance on a table of its own, with its robot and time step; call ``reset`` to begin."""
-    sim = TabletopSim(library, seed=instance.seed, budget=budget, robot=instance.robot)
+    sim = TabletopSim(library, seed=instance.seed, budget=budget, robot=instance.robot, hand=instance.hand)
     return change_instance(sim, instance)
 
 

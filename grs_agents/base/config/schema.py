@@ -274,6 +274,8 @@ class Config(Frozen):
     seed: Annotated[int, Portable()] = Field(default=0, ge=0, lt=2**31)
     # the arm behind the table: `ur5e`, `panda` or the path of an MJCF file (`.xml`)
     robot: Annotated[str, Portable()] = Field(default="ur5e", max_length=4096)
+    # the hand at its flange: `suction`, `franka_hand` or `robotiq_2f85`; pushing takes a spatula in place of any
+    hand: Annotated[str, Portable()] = Field(default="suction", max_length=100)
     max_fixes: Annotated[int, Portable()] = Field(default=10, ge=0, le=1000)  # fixes of code, tests and task together
     # steps of the graph until a run of it counts as endless; by default 25 and 4 for each of the fixes
     recursion_limit: int | None = Field(default=None, ge=1, le=1_000_000)
@@ -326,6 +328,15 @@ class Config(Frozen):
         """The price of ``model``: by its name, else by the longest pattern that matches it; None if there is none."""
         patterns = [name for name in self.prices if name == model or fnmatchcase(model, name)]
         return self.prices[max(patterns, key=lambda name: (name == model, len(name)))] if patterns else None
+
+    @field_validator("hand")
+    @classmethod
+    def _validate_hand(cls, hand: str) -> str:
+        if hand in ("suction", "franka_hand", "robotiq_2f85"):
+            return hand
+        if hand == "own":
+            raise ValueError("the hand of a robot's own file ('own') is not read yet; use one of the shipped hands")
+        raise ValueError(f"there is no hand {hand!r}; use suction, franka_hand or robotiq_2f85")
 
     @field_validator("robot")
     @classmethod

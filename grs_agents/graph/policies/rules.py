@@ -50,7 +50,7 @@ _SAME_HEIGHT = 0.01
 """Greatest difference (m) of that height: an object that lies where it should stand differs by more."""
 _TURNED = 0.02
 """Least difference (m) by which the extents fit the photo better if x and y change places."""
-_INFEASIBLE = ("target_too_small", "unreachable", "no_free_space", "no_seal", "would_tip")
+_INFEASIBLE = ("target_too_small", "unreachable", "no_free_space", "no_seal", "would_tip", "no_grip")
 """Outcomes that no program may be able to change: the task has to be revised."""
 _CALLED_BY_TESTS = re.compile(
     r'File "test_task_code\.py", line \d+, in \w+\n(?:    .*\n)+  File "task_code\.py", line \d+, in (?!__init__)'

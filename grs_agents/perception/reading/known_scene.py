@@ -9,6 +9,7 @@ from grs_agents.base.foreign.files import is_folder, path_exists, read_json
 from grs_agents.base.foreign.run_folder import check_run_folder
 from grs_agents.perception.reading.bop import is_bop_source
 from grs_agents.perception.types import SceneDescription, read_scene_description
+from grs_agents.sim.hands.registry import DEFAULT_HAND
 
 _OF_SCENE: Final = ("scene", "assets")
 """Folders of a run's scene: pictures, and proxies with the background."""
@@ -22,20 +23,22 @@ def is_known_scene(source: Path) -> bool:
     return path_exists(source / "run.json") and path_exists(source / "scene.json")
 
 
-def copy_scene_from_run(source: Path, folder: Path, robot: str) -> SceneDescription:
+def copy_scene_from_run(source: Path, folder: Path, robot: str, hand: str) -> SceneDescription:
     """Copy the scene of another run, with its pictures and proxies, into the run folder ``folder``.
 
     Raises:
-        InputError: the folder is no plain run folder, cannot be read, or its scene was made for another ``robot``.
+        InputError: the folder is no plain run folder, cannot be read, or its scene was made for another ``robot`` or
+            ``hand``.
     """
     check_run_folder(source)
     record: Any = read_json(source / "run.json", _REMEDY)
     try:
-        made_for = str(record["config"]["robot"])
-    except (KeyError, TypeError):
-        made_for = ""
-    if made_for != robot:
-        raise InputError(f"the scene of {source} was made for robot={made_for}, not {robot}", _REMEDY)
+        made_for, held_by = str(record["config"]["robot"]), str(record["config"].get("hand", DEFAULT_HAND))
+    except (AttributeError, KeyError, TypeError):
+        made_for = held_by = ""
+    for key, found, wanted in (("robot", made_for, robot), ("hand", held_by, hand)):
+        if found != wanted:
+            raise InputError(f"the scene of {source} was made for {key}={found}, not {wanted}", _REMEDY)
     scene = read_scene_description(source / "scene.json")
     for name in _OF_SCENE:
         if path_exists(source / name):

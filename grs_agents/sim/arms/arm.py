@@ -1,4 +1,4 @@
-"""Robot arms: inverse kinematics for the suction cup within joint limits, reach, and self-collision.
+"""Robot arms: inverse kinematics for the tip of the hand within joint limits, reach, and self-collision.
 
 ``Arm`` serves any serial arm of hinges and slides numerically (damped least squares on MuJoCo's Jacobian); an arm with
 closed-form kinematics overrides ``solve_ik_tool_down``, ``solve_ik_for_poses`` and ``reachable_mask``.
@@ -24,6 +24,7 @@ from grs_agents.sim.arms.joint_paths import (
     hermite_spline_points,
     rotations_about_z,
 )
+from grs_agents.sim.hands.hand import Hand
 
 _RADII: Final = np.arange(0.14, 1.2, 0.025)
 _HEIGHTS: Final = np.concatenate([[0.001], np.arange(0.05, 0.71, 0.06)])
@@ -101,10 +102,10 @@ _NEAR: Final = 0.2
 
 
 class Arm:
-    """A serial arm with its base at the origin of the robot frame and the suction cup at its end.
+    """A serial arm with its base at the origin of the robot frame and a hand at its flange.
 
-    ``add`` adds its bodies, joints (from the base on), a position actuator per joint, the body ``cup`` and the site
-    ``tip`` to a spec. Solutions are sought near the joint positions ``guess`` (dof,).
+    ``add`` adds its bodies, joints (from the base on), a position actuator per joint, and the hand, with its moving
+    parts or without, to a spec. Solutions are sought near the joint positions ``guess`` (dof,).
     """
 
     nearest: float  # reach of the tip from the base axis, tool down, metres; for messages only
@@ -114,9 +115,16 @@ class Arm:
 
     looks: tuple[Solid, ...] = ()  # shown by a rendered model in place of the geoms; empty: the geoms
 
-    def __init__(self, name: str, add: Callable[[Any], None], guess: FloatArray) -> None:
-        self.name, self.add = name, add
-        self._guess = guess
+    def __init__(self, name: str, add: Callable[[Any, bool], None], guess: FloatArray, hand: Hand) -> None:
+        self.name, self.hand = name, hand
+        self._add, self._guess = add, guess
+
+    def add(self, spec: Any) -> None:
+        """Add the robot to a spec."""
+        self._add(spec, True)
+
+    def _add_rigid(self, spec: Any) -> None:
+        self._add(spec, False)
 
     def __getattr__(self, name: str) -> float:
         """``nearest`` and ``farthest``, computed from the reach table on first access."""
@@ -127,7 +135,7 @@ class Arm:
 
     @cached_property
     def _arm_model(self) -> ArmModel:
-        return build_arm_model_ignoring_home_contacts(self.add, self.home_joints)
+        return build_arm_model_ignoring_home_contacts(self._add_rigid, self.home_joints, self.hand.body)
 
     @cached_property
     def _reachability_grid(self) -> ReachTable:
@@ -136,7 +144,7 @@ class Arm:
     @cached_property
     def home_joints(self) -> FloatArray:
         """Joint positions (dof,) of the waiting arm: radians, or metres of a slide."""
-        posture = ArmModel(self.add)
+        posture = ArmModel(self._add_rigid, hand=self.hand.body)
         spread = np.random.default_rng(0).random((60, posture.dof))
         guesses = [self._guess, (posture.low + posture.high) / 2, *posture.low + (posture.high - posture.low) * spread]
         for point in _HOMES:
@@ -172,12 +180,12 @@ class Arm:
         return np.where(self._arm_model.slides, 1.0, np.pi) if self.maker_speeds is None else self.maker_speeds
 
     def inertia_matrix(self, joints: FloatArray) -> FloatArray:
-        """Joint-space inertia (dof, dof) at positions (dof,), with nothing on the cup."""
+        """Joint-space inertia (dof, dof) at positions (dof,), with nothing in the hand."""
         return self._arm_model.inertia_matrix(joints)
 
     @property
     def link_names(self) -> tuple[str, ...]:
-        """Names of the bodies, the cup last."""
+        """Names of the bodies, the hand's last."""
         return self._arm_model.links
 
     def tip_pose(self, joints: FloatArray) -> tuple[FloatArray, FloatArray]:

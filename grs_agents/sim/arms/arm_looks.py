@@ -15,13 +15,15 @@ JOINT_COLOR: Final = (0.34, 0.44, 0.55, 1.0)
 _CAP: Final = 0.008
 """Protrusion of a joint's cap, metres."""
 _GROUP: Final = 1
+MOUNT: Final = "mount"
+"""Frame of solids on the hand's body at the flange."""
 
 
 @dataclass(frozen=True)
 class Solid:
     """A round solid of a link: a cylinder, or a capsule with half balls around ``start`` and ``end``."""
 
-    body: str  # frame of the solid; "world" for the fixed base
+    body: str  # frame of the solid; "world" for the fixed base, ``MOUNT``
     kind: Literal["cylinder", "capsule"]
     start: Vec3  # metres
     end: Vec3
@@ -51,15 +53,18 @@ def ring(body: str, start: Vec3, end: Vec3, radius: float) -> tuple[Solid, ...]:
     return (Solid(body, "cylinder", start, end, radius, True),)
 
 
-def set_arm_visuals(spec: Any, looks: Sequence[Solid]) -> None:
-    """Replace the geoms of an arm's bodies in a rendered ``spec`` by ``looks``; other bodies and the tool stay."""
-    bodies = {solid.body for solid in looks} - {"world", "cup"}
+def set_arm_visuals(spec: Any, looks: Sequence[Solid], mount: str) -> None:
+    """Replace the geoms of an arm's bodies in a rendered ``spec`` by ``looks``; other bodies and the hand stay.
+
+    ``mount`` is the body of the hand at the flange.
+    """
+    bodies = {solid.body for solid in looks} - {"world", MOUNT}
     for name in bodies:
         for geom in list(spec.body(name).geoms):
             spec.delete(geom)
     kinds = {"cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER, "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE}
     for solid in looks:
-        body = spec.worldbody if solid.body == "world" else spec.body(solid.body)
+        body = spec.worldbody if solid.body == "world" else spec.body(mount if solid.body == MOUNT else solid.body)
         body.add_geom(
             type=kinds[solid.kind],
             fromto=(*solid.start, *solid.end),

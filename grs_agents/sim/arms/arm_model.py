@@ -35,9 +35,9 @@ class Collision:
 
 
 class ArmModel:
-    """A compiled arm above the table; ``apart`` are pairs of bodies that touch by design."""
+    """A compiled arm above the table; ``apart`` are pairs of bodies that touch by design, ``hand`` is at the flange."""
 
-    def __init__(self, add: Callable[[Any], None], apart: Sequence[tuple[str, str]] = ()) -> None:
+    def __init__(self, add: Callable[[Any], None], apart: Sequence[tuple[str, str]] = (), hand: str = "cup") -> None:
         spec = mujoco.MjSpec()
         spec.compiler.degree = False
         table = spec.worldbody.add_geom(name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=(2, 2, 0.1))
@@ -46,7 +46,7 @@ class ArmModel:
             solid = geom is not table and (geom.contype or geom.conaffinity)
             geom.contype, geom.conaffinity, geom.margin, geom.gap = (1, 1, 0.0, 0.0) if solid else (0, 0, 0.0, 0.0)
         table.contype = table.conaffinity = 1
-        for first, second in (("world", "cup"), *apart):
+        for first, second in (("world", hand), *apart):
             spec.add_exclude(bodyname1=first, bodyname2=second)
         self._model: Any = spec.compile()
         self._data: Any = mujoco.MjData(self._model)
@@ -153,6 +153,6 @@ class ArmModel:
         return collisions
 
 
-def build_arm_model_ignoring_home_contacts(add: Callable[[Any], None], home: FloatArray) -> ArmModel:
+def build_arm_model_ignoring_home_contacts(add: Callable[[Any], None], home: FloatArray, hand: str) -> ArmModel:
     """The arm alone; contacts of its parts at ``home`` (dof,) are by design and do not count."""
-    return ArmModel(add, ArmModel(add).touching_body_pairs(home))
+    return ArmModel(add, ArmModel(add, hand=hand).touching_body_pairs(home), hand)

@@ -1,4 +1,4 @@
-"""A user's own arm: an MJCF file with a serial chain of hinges and slides, extended by the suction cup."""
+"""A user's own arm: an MJCF file with a serial chain of hinges and slides, extended by a hand."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -8,21 +8,23 @@ import numpy as np
 from grs_agents.base.errors import InputError
 from grs_agents.base.mujoco_import import mujoco
 from grs_agents.sim.arms.arm import Arm
-from grs_agents.sim.arms.arm_parts import ROBOT_CONTYPE, add_position_actuator, add_suction_cup
+from grs_agents.sim.arms.arm_parts import add_position_actuator
 from grs_agents.sim.arms.robot_file_check import check_robot_file
+from grs_agents.sim.hands.hand import ROBOT_CONTYPE, Hand
+from grs_agents.sim.hands.suction_cup import SUCTION_CUP
 
 TIPS: Final = ("tip", "tool0", "attachment_site", "ee", "end_effector", "flange", "tcp")
-"""Site names for the suction cup, in order of preference; without any, the frame of the last body."""
+"""Site names for the hand, in order of preference; without any, the frame of the last body."""
 _MOST_JOINTS: Final = 12
 _PREFIX: Final = "arm_"
 _STIFFNESS, _TORQUE = 3000.0, 200.0
 _QUARTERS: Final = (0.0, np.pi / 2, np.pi, -np.pi / 2)
-"""Mounting angles of the cup about its own axis, radians: it is round, so any of them works."""
+"""Mounting angles of the hand about its own axis, radians: any of them works."""
 _ROOM: Final = np.pi / 2
 """Distance of the last joint from its limits at home, radians, that ends the search over mounting angles."""
 
 
-def load_arm(path: Path) -> Arm:
+def load_arm(path: Path, hand: Hand = SUCTION_CUP) -> Arm:
     """The arm of an MJCF file; raises ``InputError`` if it is no serial arm or cannot point down at the table."""
     check_robot_file(path)
     spec = _parse_mjcf(path)
@@ -36,7 +38,11 @@ def load_arm(path: Path) -> Arm:
     best: Arm | None = None
     refusal: InputError | None = None
     for turn in _QUARTERS:
-        arm = Arm(str(path), lambda world, turn=turn: _attach_arm_to_world(world, _parse_mjcf(path), path, turn), guess)
+
+        def add(world: Any, moving: bool, turn: float = turn) -> None:
+            _attach_arm_to_world(world, _parse_mjcf(path), path, turn, hand, moving)
+
+        arm = Arm(str(path), add, guess, hand)
         try:
             arm.home_joints.setflags(write=False)  # computed now, so that an unusable arm is refused early
         except InputError as error:
@@ -69,7 +75,7 @@ def _parse_mjcf(path: Path) -> Any:
 
 
 def _find_tip_body_and_site(spec: Any, path: Path) -> tuple[Any, Any | None]:
-    """Body that carries the cup, and the site of the cup (None: the frame of the body)."""
+    """Body that carries the hand, and the site of the hand (None: the frame of the body)."""
     sites = {str(site.name): site for site in spec.sites}
     for name in TIPS:
         if name in sites:
@@ -108,8 +114,8 @@ def _find_joint_chain(spec: Any, path: Path) -> list[Any]:
     return joints
 
 
-def _attach_arm_to_world(world: Any, spec: Any, path: Path, turn: float) -> None:
-    """Add the weightless arm, its cup turned by ``turn`` (rad); bodies off the chain stay fixed."""
+def _attach_arm_to_world(world: Any, spec: Any, path: Path, turn: float, hand: Hand, moving: bool) -> None:
+    """Add the weightless arm, its hand turned by ``turn`` (rad); bodies off the chain stay fixed."""
     chain = _find_joint_chain(spec, path)
     carrier, site = _find_tip_body_and_site(spec, path)
     names = [str(joint.name) for joint in chain]
@@ -143,6 +149,6 @@ def _attach_arm_to_world(world: Any, spec: Any, path: Path, turn: float) -> None
         joint.limited = True
     end = f"{_PREFIX}{carrier.name}"
     world.attach(spec, prefix=_PREFIX, frame=world.worldbody.add_frame())
-    add_suction_cup(world.body(end), place[0], tuple(quaternion))
     for name in names:
         add_position_actuator(world, f"{_PREFIX}{name}", _STIFFNESS, torques[name])
+    hand.add_to(world, world.body(end), place[0], tuple(quaternion), moving)

@@ -6,8 +6,10 @@ import numpy as np
 
 from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.sim.arms.arm import Arm
-from grs_agents.sim.arms.arm_looks import housing, ring, tube
+from grs_agents.sim.arms.arm_looks import MOUNT, housing, ring, tube
 from grs_agents.sim.arms.arm_parts import Capsule, Link, add_link_chain
+from grs_agents.sim.hands.hand import Hand
+from grs_agents.sim.hands.suction_cup import SUCTION_CUP
 
 _JOINTS: Final = np.loadtxt(
     """
@@ -75,17 +77,17 @@ _LOOKS: Final = (
     *ring("link_7", (0.0, 0.0, 0.046), (0.0, 0.0, 0.054), 0.045),
     *housing("link_7", (0.0, 0.0, 0.054), (0.0, 0.0, 0.095), 0.042, ""),
     *ring("link_7", (0.0, 0.0, 0.095), (0.0, 0.0, 0.107), 0.0315),
-    *ring("cup", (0.0, 0.0, 0.0), (0.0, 0.0, 0.012), 0.02),
+    *ring(MOUNT, (0.0, 0.0, 0.0), (0.0, 0.0, 0.012), 0.02),
 )
 """Along the published frames: flange 63 mm, the big joints about 0.11 m across."""
 
 
 class Panda(Arm):
-    """Franka Emika's Panda, seven joints, with the suction cup in place of its hand."""
+    """Franka Emika's Panda, seven joints."""
 
     looks, maker_speeds = _LOOKS, _SPEEDS
 
-    def __init__(self) -> None:
+    def __init__(self, hand: Hand = SUCTION_CUP) -> None:
         links: list[Link] = []
         for index, (a, d, quarters, low, high, torque, stiffness, mass, x, y, z) in enumerate(_JOINTS):
             alpha = quarters * np.pi / 2
@@ -103,7 +105,7 @@ class Panda(Arm):
             )
             links.append(link)
 
-        def add(spec: Any) -> None:
-            add_link_chain(spec, links, _FLANGE)
+        def add(spec: Any, moving: bool) -> None:
+            add_link_chain(spec, links, _FLANGE, hand, moving)
 
-        super().__init__("panda", add, np.array(_GUESS))
+        super().__init__("panda", add, np.array(_GUESS), hand)

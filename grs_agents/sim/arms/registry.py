@@ -9,17 +9,18 @@ from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.mjcf_arm import load_arm
 from grs_agents.sim.arms.panda import Panda
 from grs_agents.sim.arms.ur5e import UR5e
+from grs_agents.sim.hands.registry import DEFAULT_HAND, get_hand
 
 ROBOTS: Final = {"ur5e": UR5e, "panda": Panda}
 DEFAULT: Final = "ur5e"
 
 
-@lru_cache(maxsize=8)
-def get_arm(robot: str = DEFAULT) -> Arm:
-    """The arm of a name or of an MJCF file, created once per process.
+@lru_cache(maxsize=16)
+def get_arm(robot: str = DEFAULT, hand: str = DEFAULT_HAND) -> Arm:
+    """The arm of a name or of an MJCF file, with a hand, created once per process.
     Raises ``UnknownNameError`` for an unknown name, ``InputError`` for an unusable file."""
     if robot in ROBOTS:
-        return ROBOTS[robot]()
+        return ROBOTS[robot](get_hand(hand))
     if Path(robot).suffix.lower() not in (".xml", ".mjcf"):
         raise UnknownNameError("robot", robot, (*ROBOTS, "path/to/arm.xml"))
-    return load_arm(Path(robot))
+    return load_arm(Path(robot), get_hand(hand))

@@ -1,7 +1,7 @@
 """The UR5e: published masses, inertias and limits, our own collision capsules, closed-form inverse kinematics.
 
 Frames follow the published Denavit-Hartenberg parameters. The base is at the origin of the robot frame and the tip is
-the end of the suction cup. With the tool down the wrist's second joint stays at -90 degrees and the arm moves in a
+the end of its hand. With the tool down the wrist's second joint stays at -90 degrees and the arm moves in a
 vertical plane, ``D4`` beside the base's axis: a planar problem with a single elbow-up solution. Any other pose of the
 tool has up to eight solutions: shoulder left or right, wrist up or down, elbow up or down.
 """
@@ -15,9 +15,11 @@ import numpy.typing as npt
 
 from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.sim.arms.arm import HOME, Arm
-from grs_agents.sim.arms.arm_looks import housing, ring, tube
-from grs_agents.sim.arms.arm_parts import DOWN, TOOL_LENGTH, Capsule, Link, add_link_chain
+from grs_agents.sim.arms.arm_looks import MOUNT, housing, ring, tube
+from grs_agents.sim.arms.arm_parts import DOWN, Capsule, Link, add_link_chain
 from grs_agents.sim.arms.joint_paths import rotations_about_z
+from grs_agents.sim.hands.hand import Hand
+from grs_agents.sim.hands.suction_cup import SUCTION_CUP
 
 D1: Final = 0.1625
 A2: Final = -0.425
@@ -39,10 +41,10 @@ LINKS: Final = (*_SHOULDER_TO_ELBOW, (0.0, D4, np.pi / 2), (0.0, D5, -np.pi / 2)
 """(a, d, alpha) of each joint."""
 
 
-def solve_ik_tool_down(tips: FloatArray, yaws: FloatArray) -> FloatArray:
-    """Continuous joint angles (N, 6) for tips (N, 3) and yaws (N,), tool down; NaN out of reach."""
+def solve_ik_tool_down(tips: FloatArray, yaws: FloatArray, tool: float = SUCTION_CUP.length) -> FloatArray:
+    """Continuous joint angles (N, 6) for tips (N, 3) and yaws (N,), tool (length in m) down; NaN out of reach."""
     x, y = tips[:, 0], tips[:, 1]
-    height = tips[:, 2] + TOOL_LENGTH + D6 - D1
+    height = tips[:, 2] + tool + D6 - D1
     radius = np.hypot(x, y)
     with np.errstate(invalid="ignore", divide="ignore"):
         base = np.arctan2(y, x) + np.pi - np.arcsin(D4 / radius)
@@ -163,7 +165,7 @@ _LOOKS: Final = (
     *ring("wrist_3", (0.0, 0.0, 0.045), (0.0, 0.0, 0.051), _SMALL + 0.002),
     *housing("wrist_3", (0.0, 0.0, 0.051), (0.0, 0.0, D6 - 0.014), _SMALL, ""),
     *ring("wrist_3", (0.0, 0.0, D6 - 0.014), (0.0, 0.0, D6), 0.0315),
-    *ring("cup", (0.0, 0.0, 0.0), (0.0, 0.0, 0.012), 0.02),
+    *ring(MOUNT, (0.0, 0.0, 0.0), (0.0, 0.0, 0.012), 0.02),
 )
 """Along the published frames: footprint 149 mm, flange 63 mm, wrists 75 mm across."""
 
@@ -176,7 +178,7 @@ class UR5e(Arm):
     solves_rows_alone = True
     maker_speeds = np.full(6, np.pi)  # 180 degrees a second each, by the maker's data sheet
 
-    def __init__(self) -> None:
+    def __init__(self, hand: Hand = SUCTION_CUP) -> None:
         links: list[Link] = []
         position, roll = (0.0, 0.0, 0.0), 0.0
         for index, (a, d, alpha) in enumerate(LINKS):
@@ -202,14 +204,14 @@ class UR5e(Arm):
             )
             position, roll = (a, 0.0, d), alpha
 
-        def add(spec: Any) -> None:
-            add_link_chain(spec, links, (0.0, 0.0, D6))
+        def add(spec: Any, moving: bool) -> None:
+            add_link_chain(spec, links, (0.0, 0.0, D6), hand, moving)
 
-        super().__init__("ur5e", add, solve_ik_tool_down(np.array([HOME]), np.zeros(1))[0])
+        super().__init__("ur5e", add, solve_ik_tool_down(np.array([HOME]), np.zeros(1), hand.length)[0], hand)
 
     def solve_ik_tool_down(self, tips: FloatArray, yaws: FloatArray, seed: FloatArray | None = None) -> FloatArray:
         """As ``Arm.solve_ik_tool_down``, in closed form."""
-        joints = solve_ik_tool_down(tips, yaws)
+        joints = solve_ik_tool_down(tips, yaws, self.hand.length)
         if seed is not None:
             ahead = (float(seed[5]) - float(joints[0, 5])) / TURN
             joints[:, 5] += TURN * round(ahead) if math.isfinite(ahead) else np.nan
@@ -228,7 +230,7 @@ class UR5e(Arm):
         tips = np.empty((len(path), 3))
         # The arm's plane lies ``D4`` beside the base's axis; it extends along minus x of link 1.
         tips[:, 0], tips[:, 1] = D4 * sine - forward * cosine, -D4 * cosine - forward * sine
-        tips[:, 2] = D1 - D6 - TOOL_LENGTH + A2 * np.sin(shoulder) + A3 * np.sin(shoulder + elbow)
+        tips[:, 2] = D1 - D6 - self.hand.length + A2 * np.sin(shoulder) + A3 * np.sin(shoulder + elbow)
         return tips, rotations_about_z(base + np.pi / 2 - turn)
 
     def solve_ik_for_poses(self, tips: FloatArray, rotations: FloatArray, seed: FloatArray | None = None) -> FloatArray:
@@ -236,7 +238,7 @@ class UR5e(Arm):
         if seed is None:
             seed = self.home_joints
         tool = rotations @ DOWN
-        flange = tips - TOOL_LENGTH * tool[:, :, 2]
+        flange = tips - self.hand.length * tool[:, :, 2]
         best, nearest = np.full((len(tips), 6), np.nan), np.inf
         for signs in product((1.0, -1.0), repeat=3):
             angles = _solve_ik_branch(flange, tool, signs)
@@ -256,7 +258,7 @@ class UR5e(Arm):
         radius = np.hypot(tips[:, 0], tips[:, 1])
         inside = (radius >= NEAREST) & (radius <= REACH)
         forward = np.sqrt(np.maximum(radius**2 - D4**2, 0.0)) - D5
-        height = tips[:, 2] + TOOL_LENGTH + D6 - D1
+        height = tips[:, 2] + self.hand.length + D6 - D1
         # Low and near the base the forearm's end would meet the shoulder: it must stay beside it or above it.
         inside &= (forward >= _SHOULDER) | (height >= _SHOULDER)
         return inside & (np.abs(_elbow_cosine(forward, height)) <= 1)

@@ -2,7 +2,8 @@
 
 from typing import Any
 
-from grs_agents.sim.end_effectors import Blade, EndEffector, SuctionCup
+from grs_agents.sim.end_effectors import EndEffector, make_end_effector
+from grs_agents.sim.hands.registry import DEFAULT_HAND
 from grs_agents.sim.instance.episode import UnsupportedError
 from grs_agents.sim.tabletop_episode import GoalTask, InstanceTask
 
@@ -27,10 +28,10 @@ def push(*_: Any, **__: Any) -> None:
     raise UnsupportedError("the push primitive was called as a function", "use env.step({'pose0': ..., 'pose1': ...})")
 
 
-def find_end_effector(task: GoalTask) -> EndEffector:
-    """The hand of a task: an instance's own, else by ``ee`` and ``primitive``."""
+def find_end_effector(task: GoalTask, hand: str = DEFAULT_HAND) -> EndEffector:
+    """The end effector of a task: an instance's own, else by ``ee`` and ``primitive``, with a robot's hand."""
     if isinstance(task, InstanceTask):
         return task.end_effector
     ee, primitive = getattr(task, "ee", None), getattr(task, "primitive", None)
     pushes = primitive is push or primitive == "push" or ee is Spatula or isinstance(ee, Spatula) or ee == "spatula"
-    return Blade() if pushes else SuctionCup()
+    return make_end_effector("push" if pushes else "pick_place", hand)

@@ -122,13 +122,14 @@ class Environment(TabletopSim):
         seed: int | None = None,
         budget: int = DEFAULT_BUDGET,
         robot: str | None = None,
+        hand: str | None = None,  # a name of ``HANDS``; None for the process's default
     ) -> None:
         self.assets_root = str(assets_root or "")
         self.disp, self.shared_memory, self.hz, self.record_cfg = disp, shared_memory, hz, record_cfg
         library = library or PROCESS_CONTEXT.get_library()
         if self.assets_root and Path(self.assets_root).is_dir():
             library = library.copy_with_overlay_root(Path(self.assets_root))
-        super().__init__(library, seed=seed, budget=budget, robot=robot, context=PROCESS_CONTEXT)
+        super().__init__(library, seed=seed, budget=budget, robot=robot, hand=hand, context=PROCESS_CONTEXT)
         self.pix_size = 0.003125
         self.task: GoalTask | None = None
         self.failed_placements = 0
@@ -153,7 +154,7 @@ class Environment(TabletopSim):
         if self.witness is not None:
             self.witness.begin_reset(self)
         self.failed_placements = 0
-        episode = TabletopEpisode(self, self.task, end_effectors.find_end_effector(self.task))
+        episode = TabletopEpisode(self, self.task, end_effectors.find_end_effector(self.task, self.hand))
         episode.set_up_scene()
         if self.witness is not None:
             self.witness.finish_reset(self)
@@ -367,6 +368,6 @@ def rollout(
     again with the least noise of the hand.
     """
     task = InstanceTask(instance)
-    env = Environment(task=task, library=library, seed=instance.seed, robot=instance.robot)
+    env = Environment(task=task, library=library, seed=instance.seed, robot=instance.robot, hand=instance.hand)
     env.timestep = instance.timestep
     return solve_episode(_EnvironmentEpisode(env, task), recording, trials)

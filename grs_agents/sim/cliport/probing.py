@@ -15,7 +15,7 @@ from grs_agents.base.mujoco_import import mujoco
 from grs_agents.sim.cliport.environment import Environment
 from grs_agents.sim.cliport.instantiation import describe_instance
 from grs_agents.sim.cliport.task import Task
-from grs_agents.sim.end_effectors import END_EFFECTORS
+from grs_agents.sim.end_effectors import END_EFFECTORS, TwoFingers
 from grs_agents.sim.expert.oracle import Oracle
 from grs_agents.sim.goals.scores import MET
 from grs_agents.sim.goals.strict_score import StrictScorer
@@ -24,7 +24,7 @@ from grs_agents.sim.instance.task_instance import TaskInstance
 from grs_agents.sim.motion.pick_place import PickPlaceResult
 from grs_agents.sim.tabletop_episode import TabletopEpisode
 
-_HANDS: Final = tuple(END_EFFECTORS.values())
+_HANDS: Final = (*END_EFFECTORS.values(), TwoFingers)
 _TRUSTED: Final = tuple(
     kind
     for kind in (*Environment.__mro__, *Task.__mro__, *Oracle.__mro__, TabletopEpisode, *_HANDS)
@@ -57,7 +57,7 @@ class EpisodeMemory:
     def run_or_replay_action(self, env: Environment, pick: Pose, place: Pose, act: PickAndPlace) -> PickPlaceResult:
         """Result of ``act(pick, place)``, which is carried out or replayed."""
         physics = env.physics
-        if physics.cup.held is not None or physics.observer is not None:
+        if physics.held_object_id is not None or physics.observer is not None:
             return act(pick, place)
         key = (_make_scene_key(env), pick, place)
         if key in self._actions:
@@ -67,7 +67,7 @@ class EpisodeMemory:
             return result
         before = physics.budget.left
         result = act(pick, place)
-        if physics.cup.held is None:
+        if physics.held_object_id is None:
             if len(self._actions) >= _MOST_STATES:
                 del self._actions[next(iter(self._actions))]
             self._actions[key] = (result, physics.save_state(), before - physics.budget.left)
@@ -108,7 +108,15 @@ def _make_scene_key(env: Environment) -> tuple[Any, ...]:
     model, data = env.physics.model, env.physics.data
     state = np.empty(mujoco.mj_stateSize(model, _STATE))
     mujoco.mj_getState(model, data, state, _STATE)
-    return (env.timestep, env.end_effector.tool, env.background, repr(env.object_ties), *objects, state.tobytes())
+    return (
+        env.timestep,
+        env.hand,
+        env.end_effector.tool,
+        env.background,
+        repr(env.object_ties),
+        *objects,
+        state.tobytes(),
+    )
 
 
 class EpisodeReplay:

@@ -251,7 +251,7 @@ class Task(TaskKit):
 
     def oracle(self, env: Environment) -> Oracle:
         """An agent that solves the task: ``agent.act(obs, info)`` gives the next action, or None when it stops."""
-        agent = make_oracle(self, env, end_effectors.find_end_effector(self))
+        agent = make_oracle(self, env, end_effectors.find_end_effector(self, env.hand))
         return agent if env.witness is None else env.witness.watch_oracle(agent, env)
 
 

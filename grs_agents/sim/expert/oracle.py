@@ -4,15 +4,16 @@ A rope is placed bead by bead, by the move that is predicted to bring the whole 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
 
-from grs_agents.base import Pose, Vec3
+from grs_agents.base import Pose
 from grs_agents.base.geometry import transforms
 from grs_agents.base.geometry.transforms import FloatArray
+from grs_agents.sim.end_effectors import Grasps
 from grs_agents.sim.expert.pose_placement import TRIES, choose_pose_target, find_tilted_place_pose
 from grs_agents.sim.expert.relation_placement import RelationPlanner
 from grs_agents.sim.expert.zone_packing import find_occupied_zone_target, pack_objects_into_zone, unplaced_zone_members
@@ -27,7 +28,6 @@ from grs_agents.sim.goals.scores import MET
 from grs_agents.sim.goals.task_accounting import ScoredTask
 from grs_agents.sim.instance.episode import Stop, set_last_recorder
 from grs_agents.sim.instance.goal import Goal, Zone
-from grs_agents.sim.motion.grasp import find_grasp
 from grs_agents.sim.motion.placement import (
     BlockedTarget,
     ReachTest,
@@ -222,6 +222,8 @@ _TRIED: Final = 0.02
 """Extra cost of moving a bead again, per earlier move, metres."""
 Action = dict[str, Pose]
 _ATTEMPTS: Final = 4
+_DROPS: Final = (0.0, 0.03, 0.06)
+"""Heights above a spot from which an object is let go, metres: where the hand finds no room lower down, as in a box."""
 
 
 class Oracle:
@@ -292,12 +294,12 @@ class Oracle:
                 for row, target in self._ropes.rank_bead_moves(goal, scene, self.task.pos_eps, tries):
                     attempt = (len(self.task.goals), goal.objects[row])
                     tried = self._attempts.get(attempt, 0)
-                    hold = self.find_pick_point(attempt[1], scene) if tried < _ATTEMPTS else None
+                    holds = self.find_holds(attempt[1], scene) if tried < _ATTEMPTS else None
                     spot = Spot((float(target[0]), float(target[1])), 0.0, 0.0)
-                    if isinstance(hold, tuple):
-                        reachable = ReachTest(hold[2], self.table.arm)(np.array([spot.center]), np.zeros(1))
+                    if isinstance(holds, tuple):
+                        reachable = ReachTest(holds[0][0][2], self.table.arm)(np.array([spot.center]), np.zeros(1))
                         if reachable[0]:
-                            return self._make_action_for_attempt(attempt, hold, spot, scene)
+                            return self._make_action_for_attempt(attempt, holds, spot, scene)
             reasons: list[Stop] = []
             for row in self._unplaced_rows_in_order(goal, scene):
                 plan = self._plan_object_action(goal, row, scene, ())
@@ -317,20 +319,16 @@ class Oracle:
         return Stop("partial", f"no object is left to move, yet {len(self.task.goals)} goals are not met{why}")
 
     def _make_action_for_attempt(
-        self, attempt: tuple[int, int], hold: Vec3, spot: Spot, scene: PlanningScene
+        self, attempt: tuple[int, int], holds: Sequence[Pose], spot: Spot, scene: PlanningScene
     ) -> Action:
-        """Carry the object of an attempt to a spot, keeping the cup's place on it; the attempt counts."""
+        """Carry the object of an attempt to a spot, keeping the hand's place on it; the attempt counts.
+
+        Of ``holds`` it takes the first, after a failure a later one.
+        """
         self._count_attempt(attempt)
         number = attempt[1]
-        center = scene.object_pose(number)[0]
-        x, y = hold[0] - center[0], hold[1] - center[1]
-        cos, sin = float(np.cos(spot.turn)), float(np.sin(spot.turn))
-        lift = hold[2] - scene.object_prism(number).low
-        place = (spot.center[0] + cos * x - sin * y, spot.center[1] + sin * x + cos * y, spot.height + lift)
-        return {
-            "pose0": (hold, transforms.IDENTITY),
-            "pose1": (place, transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, spot.turn))),
-        }
+        hold = holds[(self._attempts[attempt] - 1) % len(holds)]  # another one after a failure
+        return {"pose0": hold, "pose1": _carry_to_spot(hold, number, spot, scene)}
 
     def _count_attempt(self, attempt: tuple[int, int]) -> None:
         self._attempts[attempt] = self._attempts.get(attempt, 0) + 1
@@ -370,50 +368,75 @@ class Oracle:
             detail = f"{name} was not brought to its target, it is at {point}{last}"
             toppled = has_toppled(number, scene, np.pi / 4)
             return make_oracle_stop("toppled" if toppled else trouble or "dropped", detail, scene, number)
-        hold = self.find_pick_point(number, scene)
-        if isinstance(hold, Stop):
-            return hold
-        if isinstance(hold, BlockedTarget):
-            return self._plan_blocker_removal(hold, number, scene, waiting)
-        tilted = find_tilted_place_pose(goal, row, self.task, scene, hold)
+        holds = self.find_holds(number, scene)
+        if isinstance(holds, Stop):
+            return holds
+        if isinstance(holds, BlockedTarget):
+            return self._plan_blocker_removal(holds, number, scene, waiting)
+        tilted = find_tilted_place_pose(goal, row, self.task, scene, holds[0])
         if tilted is not None and self._attempts.get(attempt, 0) < TRIES:
             self._count_attempt(attempt)
-            return {"pose0": (hold, transforms.IDENTITY), "pose1": tilted}
-        lift = hold[2] - scene.object_prism(number).low
+            return {"pose0": holds[0], "pose1": tilted}
+        lift = holds[0][0][2] - scene.object_prism(number).low
         target = self._planner.choose_target(goal, row, self.task, scene, lift)
         if isinstance(target, BlockedTarget):
             cleared = self._plan_blocker_removal(target, number, scene, waiting)
             if target.otherwise is None or not isinstance(cleared, Stop):
                 return cleared
             target = target.otherwise
-        return target if isinstance(target, Stop) else self._make_action_for_attempt(attempt, hold, target, scene)
+        if isinstance(target, Stop):
+            return target
+        served = self._find_holds_for_spot(number, holds, target, scene)
+        if isinstance(served, BlockedTarget):
+            return self._plan_blocker_removal(served, number, scene, waiting)
+        return served if isinstance(served, Stop) else self._make_action_for_attempt(attempt, *served, scene)
 
-    def find_pick_point(self, number: int, scene: PlanningScene) -> Vec3 | BlockedTarget | Stop:
-        """Pick point of an object (m), or the object that lies on it, or the reason why it cannot be picked."""
+    def find_holds(self, number: int, scene: PlanningScene) -> tuple[Pose, ...] | BlockedTarget | Stop:
+        """Poses of the tip that take an object, best first, or the object in their way, or why it cannot be picked."""
         carried = carried_object_ids(number, scene)
         immovable = self._stop_if_object_immovable(number, carried, scene)
         if immovable is not None:
             return immovable
         if carried and not scene.is_object_hollow(number):
             return BlockedTarget(carried[0])
-        hold = find_grasp(scene.physics, number, scene.object_prism(number), scene.prisms_of_other_objects(number))
-        if hold.point is not None:
-            return hold.point
-        movable = [other for other in hold.hindered_by if scene.may_robot_move(other)]
+        found = self.table.end_effector.find_grasps(
+            scene.physics, number, scene.object_prism(number), scene.prisms_of_other_objects(number)
+        )
+        return found.poses or self._explain_missing_grasps(found, number, scene)
+
+    def _find_holds_for_spot(
+        self, number: int, holds: tuple[Pose, ...], spot: Spot, scene: PlanningScene
+    ) -> tuple[tuple[Pose, ...], Spot] | BlockedTarget | Stop:
+        """Holds with which the hand has room at a spot, and the spot, or a little above it; else as ``find_holds``."""
+        hand, first = self.table.end_effector, Grasps(())
+        for drop in _DROPS:
+            above = replace(spot, height=spot.height + drop)
+
+            def carry(hold: Pose, above: Spot = above) -> Pose:
+                return _carry_to_spot(hold, number, above, scene)
+
+            found = hand.find_grasps_for_place(scene.physics, number, Grasps(holds), carry)
+            if found.poses:
+                return found.poses, above
+            first = found if drop == 0.0 else first
+        return self._explain_missing_grasps(first, number, scene)
+
+    def _explain_missing_grasps(self, found: Grasps, number: int, scene: PlanningScene) -> BlockedTarget | Stop:
+        """The object that is in the way of all grasps, if it can be moved, else the reason why there are none."""
+        movable = [other for other in found.hindered_by if scene.may_robot_move(other)]
         if movable:  # off it altogether: moved within it, it would cover it again
             return BlockedTarget(movable[0], (scene.object_prism(number),))
         name = scene.object_label(number)
-        if hold.hindered_by:
-            over = [other for other in hold.hindered_by if other in hold.covered_by]
-            beside = [other for other in hold.hindered_by if other not in hold.covered_by]
-            reasons = [f"the top of {name} is covered by {describe_unmovables(over, scene)}"] if over else []
-            if beside:
-                reasons.append(f"{name} leaves no room for the cup beside {describe_unmovables(beside, scene)}")
-            return make_oracle_stop("unreachable", "; ".join(reasons), scene, number, *hold.hindered_by)
-        why = "is flat and wide enough for the cup to seal"
-        if hold.trouble == "would_tip":
-            why = "is so near to the middle of its weight that it would not tip off the cup"
-        return make_oracle_stop(hold.trouble or "unreachable", f"no place on top of {name} {why}", scene, number)
+        if found.why:
+            blocked = f": {describe_unmovables(found.hindered_by, scene)}" if found.hindered_by else ""
+            detail = found.why.format(name=name) + blocked
+            return make_oracle_stop(found.trouble or "unreachable", detail, scene, number, *found.hindered_by)
+        over = [other for other in found.hindered_by if other in found.covered_by]
+        beside = [other for other in found.hindered_by if other not in found.covered_by]
+        reasons = [f"the top of {name} is covered by {describe_unmovables(over, scene)}"] if over else []
+        if beside:
+            reasons.append(f"{name} leaves no room for the cup beside {describe_unmovables(beside, scene)}")
+        return make_oracle_stop("unreachable", "; ".join(reasons), scene, number, *found.hindered_by)
 
     def _stop_if_object_immovable(self, number: int, carried: Sequence[int], scene: PlanningScene) -> Stop | None:
         """The stop for an object that, with its load, cannot be moved at all; None if it can."""
@@ -451,12 +474,27 @@ class Oracle:
                 plan = self._plan_object_action(goal, goal.objects.index(blocker), scene, waiting)
                 if not isinstance(plan, Stop):
                     return plan
-        hold = self.find_pick_point(blocker, scene)
-        if isinstance(hold, BlockedTarget):
-            return self._plan_blocker_removal(hold, blocker, scene, waiting)
-        if isinstance(hold, Stop):
-            return make_blocked_stop(hold.detail)
-        spot = find_spot_aside(blocker, blocked.keep_free, scene, hold[2] - scene.object_prism(blocker).low)
+        holds = self.find_holds(blocker, scene)
+        if isinstance(holds, BlockedTarget):
+            return self._plan_blocker_removal(holds, blocker, scene, waiting)
+        if isinstance(holds, Stop):
+            return make_blocked_stop(holds.detail)
+        spot = find_spot_aside(blocker, blocked.keep_free, scene, holds[0][0][2] - scene.object_prism(blocker).low)
         if spot is None:
             return make_blocked_stop("no place on the table is free for it")
-        return self._make_action_for_attempt(attempt, hold, spot, scene)
+        served = self._find_holds_for_spot(blocker, holds, spot, scene)
+        if not isinstance(served, tuple):
+            return make_blocked_stop("the hand has no room beside a free place for it")
+        return self._make_action_for_attempt(attempt, *served, scene)
+
+
+def _carry_to_spot(hold: Pose, number: int, spot: Spot, scene: PlanningScene) -> Pose:
+    """Pose of the tip that brings an object, held at ``hold``, to a spot."""
+    (x, y, z), rotation = hold
+    center = scene.object_pose(number)[0]
+    x, y = x - center[0], y - center[1]
+    cos, sin = float(np.cos(spot.turn)), float(np.sin(spot.turn))
+    lift = z - scene.object_prism(number).low
+    place = (spot.center[0] + cos * x - sin * y, spot.center[1] + sin * x + cos * y, spot.height + lift)
+    turn = transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, spot.turn))
+    return place, turn if rotation == transforms.IDENTITY else transforms.multiply_quaternions(turn, rotation)

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from grs_agents.base import Pose, Vec3
+from grs_agents.base import Pose
 from grs_agents.base.geometry import transforms
 from grs_agents.sim.expert.zone_packing import unplaced_objects
 from grs_agents.sim.goals.planning_scene import (
@@ -44,8 +44,8 @@ TRIES: Final = 2
 """Tilted placements to try before placing upright, in case the arm cannot tilt so far."""
 
 
-def find_tilted_place_pose(goal: Goal, row: int, task: ScoredTask, scene: PlanningScene, hold: Vec3) -> Pose | None:
-    """Cup pose that brings an object, held upright at ``hold`` (m), to its nearest target with the target's tilt.
+def find_tilted_place_pose(goal: Goal, row: int, task: ScoredTask, scene: PlanningScene, hold: Pose) -> Pose | None:
+    """Pose of the tip that brings an object, held upright at ``hold``, to its nearest target with the target's tilt.
 
     None for goals with upright targets, and for tasks that place upright only.
     """
@@ -57,7 +57,7 @@ def find_tilted_place_pose(goal: Goal, row: int, task: ScoredTask, scene: Planni
         return None
     nearest = min(targets, key=lambda target: float(np.linalg.norm(np.subtract(target[0], pose[0]))))
     moved = transforms.compose_poses(nearest, transforms.invert_pose(pose))
-    return transforms.compose_poses(moved, (hold, transforms.IDENTITY))
+    return transforms.compose_poses(moved, hold)
 
 
 _ROOM: Final = 0.002

@@ -12,11 +12,11 @@ import numpy.typing as npt
 
 from grs_agents.base.geometry import transforms
 from grs_agents.base.geometry.transforms import FloatArray
-from grs_agents.sim.arms.arm_parts import BLADE_THICKNESS, BLADE_WIDTH
 from grs_agents.sim.expert.oracle import Action, Oracle
 from grs_agents.sim.goals.planning_scene import PlanningScene, make_oracle_stop
 from grs_agents.sim.goals.relation_rules import object_footprint_as_zone
 from grs_agents.sim.goals.task_accounting import ScoredTask
+from grs_agents.sim.hands.spatula import BLADE_THICKNESS, BLADE_WIDTH
 from grs_agents.sim.instance.episode import Stop
 from grs_agents.sim.instance.goal import Goal
 from grs_agents.sim.motion.push import HEIGHT, action_points_for_stroke

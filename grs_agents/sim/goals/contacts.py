@@ -7,9 +7,9 @@ import numpy as np
 
 from grs_agents.base import Frozen
 from grs_agents.base.mujoco_import import mujoco
+from grs_agents.sim.hands.hand import GRAVITY
 from grs_agents.sim.tabletop import TabletopSim
 from grs_agents.sim.world.footprints import Prism, signed_outline_gaps
-from grs_agents.sim.world.suction import GRAVITY
 
 _POINT: Final = np.zeros((1, 2))
 _AWAKE: Final = 50

@@ -18,6 +18,7 @@ Outcome = Literal[
     "hindered",
     "no_seal",
     "would_tip",
+    "no_grip",
     "dropped",
     "toppled",
     "target_occupied",

@@ -16,6 +16,7 @@ from grs_agents.base import Frozen, Pose, Vec3
 from grs_agents.base.errors import InputError
 from grs_agents.base.foreign.files import check_json_limits
 from grs_agents.base.geometry import transforms
+from grs_agents.sim.hands.registry import DEFAULT_HAND
 from grs_agents.sim.instance.faults import describe_first_error
 from grs_agents.sim.instance.goal import Goal, Placed, Unit, check_unit_quaternion
 
@@ -154,6 +155,11 @@ class InstanceTable(Frozen):
         return {key: value for key, value in fields.items() if key != "texture" or value is not None}
 
 
+def _is_default_hand(hand: str) -> bool:
+    """Whether to leave a hand out of the JSON: instances without the field have the suction cup."""
+    return hand == DEFAULT_HAND
+
+
 class TaskInstance(Frozen):
     """A simulated task for a seed: all that a trusted process needs to build, run and score it."""
 
@@ -175,6 +181,8 @@ class TaskInstance(Frozen):
     # set by trusted code: the arm ("ur5e", "panda" or the path of an MJCF file, in a saved instance relative to its
     # folder), the photo's camera (None without a photo), the light, and the table in the colour of the photo
     robot: Annotated[str, Field(min_length=1, max_length=4096)] = "ur5e"
+    # set by trusted code: the hand at its flange ("suction", "franka_hand", "robotiq_2f85")
+    hand: Annotated[str, Field(min_length=1, max_length=100, exclude_if=_is_default_hand)] = DEFAULT_HAND
     camera: InstanceCamera | None = None
     light: InstanceLight = InstanceLight()
     table: InstanceTable = InstanceTable()
@@ -182,6 +190,11 @@ class TaskInstance(Frozen):
     instruction: Annotated[str, Field(max_length=LONGEST_INSTRUCTION)] = ""
     # assumptions of the runtime
     warnings: Annotated[tuple[Annotated[str, Field(max_length=500)], ...], Field(max_length=500)] = ()
+
+    @property
+    def mounted_hand(self) -> str:
+        """Hand that the arm carries: pushing takes the suction cup's mount, with the spatula on it."""
+        return DEFAULT_HAND if self.primitive == "push" else self.hand
 
     @property
     def task_objects(self) -> tuple[InstanceObject, ...]:

@@ -1,4 +1,4 @@
-"""Joint position control of the arm at a control rate, with velocity feed-forward, and suction."""
+"""Joint position control of the arm at a control rate, with velocity feed-forward, and its hand."""
 
 from typing import Final
 
@@ -7,6 +7,8 @@ import numpy as np
 from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.sim.instance.episode import SimulationError
 from grs_agents.sim.motion.grasp import find_object_in_seal
+from grs_agents.sim.world.fingers import Fingers
+from grs_agents.sim.world.grip import WATCHED
 from grs_agents.sim.world.physics import Physics
 
 CONTROL_RATE: Final = 25.0
@@ -17,7 +19,7 @@ _LOWEST: Final = -0.002
 
 
 class JointController:
-    """Drives the arm through joint positions; suction grasps the object under a sealed cup, and releases it when off.
+    """Drives the arm through joint positions; suction grasps the object under a sealed cup, fingers what they close on.
 
     The joint positions that an expert's episode reached a period later, as targets, repeat the episode, if suction is
     on about eight periods early (the cup grasps on contact), and the target of the period in which the expert grasped
@@ -41,8 +43,8 @@ class JointController:
         self._speed: FloatArray = np.zeros(self.physics.dof)
         self.blocked = False  # the last target was refused
 
-    def apply(self, target: FloatArray, suction: bool) -> None:
-        """Simulate a control period.
+    def apply(self, target: FloatArray, suction: float) -> None:
+        """Simulate a control period; the hand holds for ``suction`` above 0, else fingers open to that share, -1..0.
 
         The arm moves evenly from the reference to ``target`` (dof,; rad or m), clipped to its joint limits and speeds,
         and not at all if it would meet the table or itself (``blocked``). The position reached is the next reference.
@@ -59,11 +61,19 @@ class JointController:
         speed = way * self.rate
         self.reference, self._speed = self.reference + way, speed
         (command,) = physics.compensate_joint_damping(self.reference[None], self._speed)
-        if not suction and physics.held_object_id is not None:
-            physics.cup.release()
         left = self.steps
+        if isinstance(physics.grip, Fingers):
+            while left:
+                part = min(left, WATCHED)
+                physics.grip.move_towards(suction, part)
+                physics.lead_arm(command, part, within=left)
+                left -= part
+            return
+        sucks = suction > 0
+        if not sucks and physics.held_object_id is not None:
+            physics.cup.release()
         while left:
-            seeking = suction and physics.held_object_id is None
+            seeking = sucks and physics.held_object_id is None
             part = 1 if seeking else min(left, physics.cup.due)  # a slipped object is grasped again at once
             physics.lead_arm(command, part, within=left)
             left -= part

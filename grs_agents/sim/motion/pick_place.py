@@ -1,9 +1,6 @@
 """The pick-and-place primitive: suction gated on contact and seal, placing until contact, typed failure."""
 
-import math
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -11,37 +8,20 @@ import numpy as np
 from grs_agents.base import Pose, Vec3
 from grs_agents.base.geometry import transforms
 from grs_agents.base.geometry.transforms import FloatArray
-from grs_agents.sim.arms.arm_parts import CUP_RADIUS
-from grs_agents.sim.arms.joint_paths import WAYPOINT_STEPS
+from grs_agents.sim.hands.suction_cup import CUP_RADIUS
 from grs_agents.sim.instance.episode import Outcome
 from grs_agents.sim.motion import grasp
+from grs_agents.sim.motion.arm_motion import CLEARANCE, FREE_SPEED, HELD_SPEED, UP, ArmMotion, Descent
 from grs_agents.sim.motion.placement import format_point
 from grs_agents.sim.motion.tool_paths import (
-    UNDER,
-    Pace,
     Payload,
     ToolPose,
-    average_direction_if_compatible,
-    candidate_routes,
-    choose_safe_pace,
     interpolate_upright,
-    max_obstacle_height_along,
-    measure_touching_neighbours,
-    plan_joint_legs,
     smoothstep,
     split_into_yaw_and_tilt,
     tool_up_axis,
 )
-from grs_agents.sim.world.footprints import Prism
-from grs_agents.sim.world.physics import Physics
 
-FREE_SPEED: Final = 1.2
-HELD_SPEED: Final = 0.8
-TOUCH_SPEED: Final = 0.06
-DRAWING_SPEED: Final = 0.1
-_HIGHEST_DRAW: Final = 0.12
-"""Largest rise of the slow lift between neighbours, metres."""
-_CLEARANCE: Final = 0.03
 ROPE_SPEED: Final = 0.2
 _ROPE_CLEARANCE: Final = 0.01
 """Tied objects are dragged, slowly and low, rather than carried, so that they do not swing."""
@@ -49,7 +29,6 @@ _LOWEST: Final = 0.001
 _PRESSED: Final = 0.0005
 """Lowest height of the tip, and its least depth below the pick point, metres: the 1 mm floor of a fixture, settled into
 the table, lies lower than ``_LOWEST``."""
-_UP: Final[FloatArray] = np.array([0.0, 0.0, 1.0])
 _ABOVE_TILTED: Final = 0.05
 """Length of the approach along the tool to a tilted place, metres: a vertical approach would hit the walls."""
 _PEELING, _RETREAT = 0.02, 0.06
@@ -73,24 +52,8 @@ class PickPlaceResult:
     trouble: Outcome | None = None  # kind of the failure in the note, if it has a name
 
 
-@dataclass(frozen=True)
-class _Descent:
-    """A guarded descent after a travel: its lowest pose, and the condition that ends it sooner."""
-
-    lowest: ToolPose
-    stop: Callable[[], bool]
-
-
-class PickPlaceMotion:
+class PickPlaceMotion(ArmMotion):
     """Picks with the suction cup, tool down, and places, with the tool tilted if the poses ask for it."""
-
-    def __init__(self, physics: Physics, look: Callable[[], Sequence[Prism]], names: dict[int, str]) -> None:
-        """``look`` returns the current prisms of all objects."""
-        self.physics, self.look, self.names = physics, look, names
-        self.obstacles = look()
-        self.arm = physics.arm
-        self.yaw, self.tilt = split_into_yaw_and_tilt(physics.suction_tip_rotation())
-        self._hindrance, self._descended = "", False
 
     def pick_and_place(self, pick: Pose, place: Pose) -> PickPlaceResult:
         """Pick at the first contact of the cup, and place with the cup lowered at its place pose until contact.
@@ -112,7 +75,7 @@ class PickPlaceMotion:
             return picked
         self._lift_clear_of_neighbours(picked.grasped)
         here = self._current_tool_pose()
-        self._follow_tool_poses((here, here.shifted_by(height * _UP)), HELD_SPEED)
+        self._follow_tool_poses((here, here.shifted_by(height * UP)), HELD_SPEED)
         if self.physics.held_object_id == picked.grasped:
             return PickPlaceResult(picked.grasped, True, "lifted")
         return PickPlaceResult(picked.grasped, False, self._describe_drop(picked.grasped), "dropped")
@@ -142,7 +105,7 @@ class PickPlaceMotion:
             met.update(physics.unheld_objects_touching_robot())
             return bool(physics.objects_touching_cup())
 
-        descent = _Descent(lowest, touches)
+        descent = Descent(lowest, touches)
         if not self._travel_over_obstacles(near, CUP_RADIUS + 0.04, 0.0, self.obstacles, FREE_SPEED, descent=descent):
             return self._make_out_of_reach_result(point)
         if not self._descended:
@@ -190,14 +153,14 @@ class PickPlaceMotion:
         near = place.shifted_by((_ABOVE_TILTED if tilted else 0.012) * up)
         deepest = max(drop - 0.01, place.point[2] - 0.25, _LOWEST)
         lowest = place.shifted_by(-0.03 * up) if tilted else ToolPose((*place.point[:2], deepest), place.yaw)
-        descent = _Descent(lowest, lambda: physics.is_object_supported(grasped))
+        descent = Descent(lowest, lambda: physics.is_object_supported(grasped))
         limp = physics.world.limp
         tied = grasped in limp
         fellows = limp if tied else {grasped}
         others = [obstacle for obstacle in self.obstacles if obstacle.owner not in fellows]
         hanging = float(np.hypot(radius, drop)) if tilted else drop
         aside = (hanging if tilted else radius) + 0.01
-        speed, clearance = (ROPE_SPEED, _ROPE_CLEARANCE) if tied else (HELD_SPEED, _CLEARANCE)
+        speed, clearance = (ROPE_SPEED, _ROPE_CLEARANCE) if tied else (HELD_SPEED, CLEARANCE)
         if not self._travel_over_obstacles(near, aside, hanging, others, speed, clearance, descent):
             if physics.held_object_id is None:
                 note = self._describe_drop(grasped)
@@ -206,7 +169,7 @@ class PickPlaceMotion:
             here, held = self._current_tool_pose(), physics.held_object_id
             lower = here.shifted_by(np.array([0.0, 0.0, -0.02]))
             self._descend_until(here, lower, lambda: physics.is_object_supported(held))
-            self._release_and_retreat(_UP)
+            self._release_and_retreat(UP)
             how = f"over its neighbours to {format_point(place.point)}" + (" so tilted" if tilted else "")
             note = f"the arm cannot carry {self.names[grasped]} {how}{self._hindrance}"
             return PickPlaceResult(grasped, False, note, "unreachable")
@@ -217,20 +180,12 @@ class PickPlaceMotion:
             return PickPlaceResult(grasped, True, "placed")
         return PickPlaceResult(grasped, False, self._describe_drop(grasped), "dropped")
 
-    def _lift_clear_of_neighbours(self, number: int) -> None:
-        """Lift an object slowly from between its neighbours, a little away from them, until clear, and look again.
-
-        Contact friction drags neighbours along, the more the faster the lift, or breaks the seal of the cup.
-        """
-        if number in self.physics.world.limp:
-            return
-        beside = measure_touching_neighbours(number, self.obstacles)
-        if beside:
-            rise = min(max(height for height, _ in beside) + UNDER, _HIGHEST_DRAW)
-            here = self._current_tool_pose()
-            apart = here.shifted_by(UNDER * (_UP + average_direction_if_compatible([away for _, away in beside])))
-            self._follow_tool_poses((here, apart, apart.shifted_by(rise * _UP)), DRAWING_SPEED)
-            self.obstacles = self.look()
+    def _payload(self, held: int) -> Payload | None:
+        """Load as the cup feels it, the tool down."""
+        physics = self.physics
+        x, y, z = np.subtract(physics.center_of_mass(held), physics.tip_position).tolist()
+        nozzle = physics.world.nozzle_for_object(held)
+        return Payload(physics.object_mass(held), float(np.hypot(x, y)), max(0.0, -z), nozzle)
 
     def _describe_drop(self, number: int) -> str:
         name, slip, nozzle = self.names[number], self.physics.cup.slip, self.physics.cup.nozzle
@@ -253,102 +208,3 @@ class PickPlaceMotion:
         else:
             self._retreat_upwards(_PEELING + _RETREAT)
         self.physics.cup.restore_collisions()
-
-    def _retreat_upwards(self, height: float = _RETREAT) -> None:
-        here = self._current_tool_pose()
-        self._follow_tool_poses((here, here.shifted_by(height * _UP)), FREE_SPEED)
-        self.physics.simulate_until_at_rest()
-
-    def _current_tool_pose(self) -> ToolPose:
-        return ToolPose(self.physics.tip_position, self.yaw, self.tilt)
-
-    def _travel_over_obstacles(
-        self,
-        end: ToolPose,
-        radius: float,
-        drop: float,
-        obstacles: Sequence[Prism],
-        speed: float,
-        clearance: float = _CLEARANCE,
-        descent: _Descent | None = None,
-    ) -> bool:
-        """Travel over the table to a pose and down to it, each leg just above the obstacles within ``radius`` (m).
-
-        ``drop`` (m) is the reach of the held object below the cup. ``descent`` follows at once if the arm can go all
-        of it. Returns: False if there is no route (the arm has not moved) or the cup let go, where the arm stops.
-        """
-        tip, held, self._hindrance = self._current_tool_pose().point, self.physics.held_object_id, ""
-        for route in candidate_routes(tip, end.point):
-            way: list[Vec3] = [tip]
-            for start, stop in pairwise(route):
-                height = max_obstacle_height_along(start, stop, radius, obstacles) + drop + clearance
-                height = max(height, end.point[2] if stop == end.point else 0.0, tip[2] + 0.02 if drop else 0.0)
-                way += [(start[0], start[1], height), (stop[0], stop[1], height)]
-            points = (*way, end.point)
-            legs = np.diff([point[:2] for point in points], axis=0)
-            turn = 1 + int(np.argmax([float(np.linalg.norm(leg)) for leg in legs]))  # the tool turns on the longest leg
-            poses = [
-                ToolPose(point, end.yaw, end.tilt) if index >= turn else ToolPose(point, self.yaw, self.tilt)
-                for index, point in enumerate(points)
-            ]
-            if self._follow_tool_poses(poses, speed, descent):
-                return True
-            if self.physics.held_object_id != held:
-                return False
-        return False
-
-    def _follow_tool_poses(self, poses: Sequence[ToolPose], speed: float, descent: _Descent | None = None) -> bool:
-        """Follow straight legs, then a descent from their end if the arm can go all of it (``_descended``).
-
-        Returns: False, without moving, if the arm cannot follow them or would hit the table or itself.
-        """
-        physics, held, self._descended = self.physics, self.physics.held_object_id, False
-        payload = None
-        if held is not None:  # as the cup feels it, the tool down
-            x, y, z = np.subtract(physics.center_of_mass(held), physics.tip_position).tolist()
-            nozzle = physics.world.nozzle_for_object(held)
-            payload = Payload(physics.object_mass(held), float(np.hypot(x, y)), max(0.0, -z), nozzle)
-        gaits = list[Pace]()
-        for start, end in pairwise(poses):
-            length = math.dist(start.point, end.point)
-            level = math.dist(start.point[:2], end.point[:2]) / length if length > 1e-6 else 1.0
-            gaits.append(choose_safe_pace(speed, payload, physics.waypoint_seconds, level))
-        legs = None
-        if descent is not None:
-            legs = self._plan_legs((*poses, descent.lowest), (*gaits, self._feeling_pace))
-            self._descended = legs is not None
-        if legs is None and (legs := self._plan_legs(poses, gaits)) is None:
-            return False
-        stop = descent.stop if descent is not None and self._descended else None
-        ended = physics.follow_joint_path(*legs, stop=stop, spacing=WAYPOINT_STEPS)
-        if physics.held_object_id != held:
-            self.yaw, self.tilt = split_into_yaw_and_tilt(physics.suction_tip_rotation())
-            return False
-        if not ended:
-            physics.wait_for_joint_positions(legs[-1][-1])
-        self.yaw, self.tilt = poses[-1].yaw, poses[-1].tilt
-        return True
-
-    def _descend_until(self, start: ToolPose, end: ToolPose, stop: Callable[[], bool]) -> None:
-        """Descend with guarded motion until ``stop``; the arm does not move if it cannot go all of the way."""
-        if (legs := self._plan_legs((start, end), (self._feeling_pace,))) is not None:
-            self.physics.follow_joint_path(*legs, stop=stop, spacing=WAYPOINT_STEPS)
-
-    @property
-    def _feeling_pace(self) -> Pace:
-        """Pace of guarded motion."""
-        return Pace(TOUCH_SPEED, 0.0, self.physics.waypoint_seconds, even=True)
-
-    def _plan_legs(self, poses: Sequence[ToolPose], gaits: Sequence[Pace]) -> list[FloatArray] | None:
-        """Waypoints (K, dof) of each leg between two poses; None if the arm cannot follow them all."""
-        legs = plan_joint_legs(self.arm, poses, gaits, self.physics.commanded_joint_positions)
-        return legs if self._is_joint_path_feasible(np.concatenate(legs)) else None
-
-    def _is_joint_path_feasible(self, path: FloatArray) -> bool:
-        """Whether the arm can follow joint positions (N, dof): within limits, clear of the table and of itself."""
-        if not self.arm.is_path_within_limits(path):
-            return False
-        gap = self.arm.first_collision_along(path)
-        if gap is not None:
-            self._hindrance = f": {gap}"
-        return gap is None

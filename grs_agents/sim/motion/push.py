@@ -8,9 +8,9 @@ import numpy as np
 from grs_agents.base import Pose, Vec3
 from grs_agents.base.geometry import transforms
 from grs_agents.base.geometry.transforms import FloatArray
-from grs_agents.sim.arms.arm_parts import BLADE_THICKNESS, BLADE_WIDTH
 from grs_agents.sim.arms.joint_paths import trapezoidal_profile
-from grs_agents.sim.motion.pick_place import FREE_SPEED, PickPlaceMotion
+from grs_agents.sim.hands.spatula import BLADE_THICKNESS, BLADE_WIDTH
+from grs_agents.sim.motion.arm_motion import FREE_SPEED, ArmMotion
 from grs_agents.sim.motion.placement import format_point, wrap_angle
 from grs_agents.sim.motion.tool_paths import ToolPose
 
@@ -51,8 +51,8 @@ def action_points_for_stroke(start: FloatArray, end: FloatArray) -> tuple[Vec3, 
     return (float(first[0]), float(first[1]), HEIGHT), (float(last[0]), float(last[1]), HEIGHT)
 
 
-class Push(PickPlaceMotion):
-    """Pushes with the spatula; travels as `PickPlaceMotion` does."""
+class Push(ArmMotion):
+    """Pushes with the spatula."""
 
     def push(self, pose0: Pose, pose1: Pose) -> PushResult:
         """Lower the blade behind ``pose0``, move it straight towards ``pose1``, and lift it."""

@@ -12,10 +12,10 @@ from grs_agents.base import Quat, Vec3
 from grs_agents.base.geometry import transforms
 from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.sim.arms.arm import Arm
-from grs_agents.sim.arms.arm_parts import CUP, Nozzle
 from grs_agents.sim.arms.joint_paths import TURN_RADIUS, rotations_about_z, trapezoidal_profile
+from grs_agents.sim.hands.hand import GRAVITY
+from grs_agents.sim.hands.suction_cup import CUP, Nozzle
 from grs_agents.sim.world.footprints import Prism, find_nearby_prisms, nearest_point_of_outline, signed_outline_gaps
-from grs_agents.sim.world.suction import GRAVITY
 
 _DETOURS: Final = (0.35, 0.45, 0.28, 0.55, 0.70)
 _UPRIGHT: Final = 0.02

@@ -13,8 +13,8 @@ from grs_agents.base.geometry.transforms import FloatArray, pose_matrix, quatern
 from grs_agents.library.asset_rendering import Lens
 from grs_agents.library.library import Library
 from grs_agents.sim.arms.arm import Arm
+from grs_agents.sim.hands.hand import Tool
 from grs_agents.sim.instance.task_instance import InstanceCamera, InstanceObject
-from grs_agents.sim.world.spec import Tool
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class VisibleScene:
 
     objects: Sequence[InstanceObject]
     library: Library
-    joints: FloatArray | None = None  # positions (dof,); None leaves the arm out
+    joints: FloatArray | None = None  # positions (dof,), perhaps with the fingers'; None leaves the arm out
     arm: Arm | None = None  # None for the default
     tool: Tool = "suction"
     poses: Sequence[Pose] | None = None  # of the objects, in place of their own

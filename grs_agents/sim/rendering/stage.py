@@ -15,8 +15,8 @@ from grs_agents.library.mujoco_shapes import add_shape_geom, add_texture_file
 from grs_agents.library.shapes import Shape
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.arm_looks import set_arm_visuals
-from grs_agents.sim.arms.arm_parts import replace_cup_with_spatula
 from grs_agents.sim.arms.registry import get_arm
+from grs_agents.sim.hands.spatula import replace_cup_with_spatula
 from grs_agents.sim.instance.task_instance import InstanceLight, InstanceObject, InstanceTable, TaskInstance
 from grs_agents.sim.world.appearance import set_light_and_table
 from grs_agents.sim.world.colors import COLORS
@@ -56,7 +56,7 @@ def scene_props_from_instance(instance: TaskInstance, arm: Arm | None = None) ->
     """Props of a task instance, with its own robot unless another is given."""
     return Props(
         instance.objects,
-        arm or get_arm(instance.robot),
+        arm or get_arm(instance.robot, instance.mounted_hand),
         instance.primitive == "push",
         background=instance.background,
         light=instance.light,
@@ -117,14 +117,14 @@ class Stage:
         bodies = {int(self.model.body(f"object_{item.id}").id): item.id for item in props.objects}
         self._mocap = {number: int(self.model.body_mocapid[body]) for body, number in bodies.items()}
         self.object_ids = frozenset(self._mocap)
-        self._dof = 0 if props.arm is None else props.arm.dof
         owners = [bodies.get(int(body), -1) for body in self.model.geom_bodyid]
         self.owners: npt.NDArray[np.int32] = np.array(owners, np.int32)
         self.data: Any = mujoco.MjData(self.model)
         for item in props.objects:
             self.set_object_pose(item.id, np.array(item.pose[0]), np.array(item.pose[1]))
         if props.arm is not None:
-            self.data.qpos[: self._dof] = props.arm.home_joints
+            self.data.qpos[: props.arm.dof] = props.arm.home_joints
+            self.data.qpos[props.arm.dof :] = self.model.jnt_range[props.arm.dof :, 1]  # fingers wide open
         self.update()
 
     def set_object_pose(self, number: int, position: npt.NDArray[Any], quaternion: npt.NDArray[Any]) -> None:
@@ -133,8 +133,8 @@ class Stage:
         self.data.mocap_quat[self._mocap[number]] = quaternion[[3, 0, 1, 2]]
 
     def set_joint_positions(self, joints: FloatArray) -> None:
-        """Set the joint positions (dof,); shown after ``update``."""
-        self.data.qpos[: self._dof] = joints
+        """Set the joint positions (dof,) of the arm, perhaps with those of its fingers; shown after ``update``."""
+        self.data.qpos[: len(joints)] = joints
 
     def copy_state(self, physics: Physics) -> None:
         """Copy the poses of a simulated world with the same objects."""
@@ -147,7 +147,7 @@ class Stage:
             else:
                 body = world.bodies[number]
                 data.mocap_pos[row], data.mocap_quat[row] = world.model.body_pos[body], world.model.body_quat[body]
-        data.qpos[: self._dof] = state.qpos[: self._dof]
+        data.qpos[:] = state.qpos[: self.model.nq]
         self.update()
 
     @property
@@ -169,7 +169,7 @@ def add_robot(spec: Any, arm: Arm, push: bool, dressed: bool = True) -> None:
     if push:
         replace_cup_with_spatula(spec)
     if dressed:
-        set_arm_visuals(spec, arm.looks)
+        set_arm_visuals(spec, arm.looks, arm.hand.body)
 
 
 def _add_shape(spec: Any, body: Any, shape: Shape, library: Library, name: str, color: tuple[float, ...] | None) -> Any:

@@ -88,7 +88,7 @@ class BaseScene:
 
     def __init__(self, instance: TaskInstance, library: Library) -> None:
         self.instance, self.library = instance, library
-        self._sim = TabletopSim(library, seed=instance.seed, budget=_ENDLESS, robot=instance.robot)
+        self._sim = TabletopSim(library, seed=instance.seed, budget=_ENDLESS, robot=instance.robot, hand=instance.hand)
         task = self._settle_instance(instance)
         ids = {settled: number for number, settled in task.ids.items()}
         scene = PlanningScene(self._sim, task.grs.stated, task.goals)

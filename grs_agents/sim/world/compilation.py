@@ -12,8 +12,10 @@ import numpy.typing as npt
 from grs_agents.base.mujoco_import import mujoco
 from grs_agents.library.library import Library
 from grs_agents.sim.arms.arm import Arm
-from grs_agents.sim.arms.arm_parts import CUP, NARROW, Nozzle
 from grs_agents.sim.arms.registry import get_arm
+from grs_agents.sim.hands.hand import Hand
+from grs_agents.sim.hands.suction_cup import CUP, NARROW, Nozzle
+from grs_agents.sim.hands.two_fingers import FINGERS, PADS, TwoFingerHand
 from grs_agents.sim.instance.episode import SimulationError
 from grs_agents.sim.instance.task_instance import InstanceObject, InstanceTie
 from grs_agents.sim.world.spec import (
@@ -27,6 +29,17 @@ from grs_agents.sim.world.spec import (
 
 
 @dataclass(frozen=True)
+class FingerIndex:
+    """Indices of the fingers of a hand, the left first: positions, speeds and controls follow those of the arm."""
+
+    hand: TwoFingerHand
+    positions: npt.NDArray[np.int_]  # (2,) in ``qpos``
+    velocities: npt.NDArray[np.int_]  # (2,) in ``qvel``
+    actuators: npt.NDArray[np.int_]  # (2,) in ``ctrl``
+    pads: tuple[int, int]  # geoms
+
+
+@dataclass(frozen=True)
 class World:
     """A compiled model, its state, and the indices of the objects in it."""
 
@@ -36,8 +49,8 @@ class World:
     welds: dict[int, int]  # id of a rigid object to the id of its suction weld
     addresses: dict[int, int]  # id of a rigid object to the start of its 7 positions in ``qpos``
     owners: tuple[int, ...]  # geom id to object id, -1 for the table and the robot
-    cup_geom: int  # of the suction cup, or of the spatula that replaces it
-    cup_body: int
+    cup_geom: int  # of the suction cup, or of the spatula that replaces it; -1 for a hand with fingers
+    cup_body: int  # that the arm carries at its flange: the cup, or the hand
     tip_site: int
     arm: Arm  # its joints are the first positions, speeds and controls
     # ids of objects in point ties, as in ropes: they hang freely from the cup
@@ -45,7 +58,15 @@ class World:
     # for each rigidly tied object the ids of its compound
     joined: Mapping[int, frozenset[int]] = field(default_factory=dict[int, frozenset[int]])
     beads: frozenset[int] = frozenset()  # limp objects so small that the cup always seals
+    fingers: FingerIndex | None = None
+    # facts of its objects alone, found once and shared by copies
+    memory: dict[tuple[Any, ...], Any] = field(default_factory=dict[tuple[Any, ...], Any])
     small: frozenset[int] = frozenset()  # ids of objects without a face large enough for the cup's lip
+
+    @property
+    def first_free(self) -> int:
+        """First position and speed of the free bodies, after those of the robot."""
+        return self.arm.dof + (0 if self.fingers is None else len(FINGERS))
 
     @cached_property
     def owner_of_geom(self) -> npt.NDArray[np.int_]:
@@ -81,6 +102,8 @@ def compile_world(made: WorldSpec) -> World:
     moves the targets evenly. Targets that jumped from step to step would shake off a held object.
     """
     for actuator in made.spec.actuators:
+        if actuator.name in FINGERS:  # they go to a width by themselves
+            continue
         actuator.dyntype, actuator.actearly = mujoco.mjtDyn.mjDYN_INTEGRATOR, True
     try:
         model: Any = made.spec.compile()
@@ -101,14 +124,29 @@ def compile_world(made: WorldSpec) -> World:
         welds={number: int(model.equality(f"suction_{number}").id) for number in made.graspable},
         addresses={number: int(model.joint(f"object_{number}").qposadr[0]) for number in made.free},
         owners=tuple(owner_of.get(int(body), -1) for body in model.geom_bodyid),
-        cup_geom=int(model.geom("cup").id),
-        cup_body=int(model.body("cup").id),
+        cup_geom=int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, "cup")),
+        cup_body=int(model.body(made.arm.hand.body).id),
         tip_site=int(model.site("tip").id),
         arm=made.arm,
+        fingers=_index_fingers(model, made.arm.hand),
         limp=limp,
         joined=joined,
         beads=frozenset(number for number in limp if max(models[number].size) <= LARGEST_BEAD),
         small=frozenset(number for number in set(made.graspable) - limp if CUP.is_wider_than(models[number].size)),
+    )
+
+
+def _index_fingers(model: Any, hand: Hand) -> FingerIndex | None:
+    if not isinstance(hand, TwoFingerHand):
+        return None
+    joints = [model.joint(name) for name in FINGERS]
+    left, right = (int(model.geom(name).id) for name in PADS)
+    return FingerIndex(
+        hand,
+        np.array([int(joint.qposadr[0]) for joint in joints]),
+        np.array([int(joint.dofadr[0]) for joint in joints]),
+        np.array([int(model.actuator(name).id) for name in FINGERS]),
+        (left, right),
     )
 
 

@@ -10,9 +10,10 @@ from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.base.mujoco_import import mujoco
 from grs_agents.sim.arms.arm_parts import DOWN
 from grs_agents.sim.arms.joint_paths import WAYPOINT_STEPS
+from grs_agents.sim.hands.hand import GRAVITY
 from grs_agents.sim.world.compilation import World
+from grs_agents.sim.world.grip import Grip
 from grs_agents.sim.world.joint_way import JointWay
-from grs_agents.sim.world.suction import GRAVITY, Cup
 
 _FARTHEST: Final = 0.016
 """Farthest that the tip moves between two contact checks, metres: about half the clearance of a path."""
@@ -34,23 +35,23 @@ class _TipPath:
 
 
 class ContactFreeMotion:
-    """Sets an arm, and the object in its cup, along paths.
+    """Sets an arm, and the object in its hand, along paths.
 
-    A position-controlled arm keeps to its path within its torque limits, and the cup keeps an object within its
-    suction limits; both are checked for the whole path first. Motion ends where anything comes into contact.
+    A position-controlled arm keeps to its path within its torque limits, and the hand keeps an object within its
+    limits; both are checked for the whole path first. Motion ends where anything comes into contact.
     """
 
-    def __init__(self, world: World, data: Any, cup: Cup) -> None:
-        self._world, self._model, self._data, self._cup = world, world.model, data, cup
+    def __init__(self, world: World, data: Any, grip: Grip) -> None:
+        self._world, self._model, self._data, self._grip = world, world.model, data, grip
         self._dof = world.arm.dof
-        self._trees = sorted(set(self._model.dof_treeid[self._dof :].tolist()))
+        self._trees = sorted(set(self._model.dof_treeid[world.first_free :].tolist()))
         limited = np.array(self._model.actuator_forcelimited[: self._dof], dtype=bool)
         self._torques: FloatArray = np.where(limited, self._model.actuator_forcerange[: self._dof, 1], np.inf)
 
     def can_begin(self) -> bool:
         """Whether nothing is in contact, and nothing but the arm and the object it holds is awake."""
-        held = self._cup.held
-        if self._data.ncon or held in self._world.limp or held in self._world.joined:
+        held = self._grip.held
+        if self._grip.meets_anything_else() or held in self._world.limp or held in self._world.joined:
             return False
         return int(self._data.tree_awake[self._trees].sum()) == (held is not None)
 
@@ -76,7 +77,7 @@ class ContactFreeMotion:
         if len(way.joints) < _SHORTEST or (np.abs(way.torques) > self._torques).any():
             return 0
         path = _TipPath(way.joints, *self._world.arm.tip_poses(way.joints))
-        if self._cup.held is not None and self._is_cup_overloaded(self._cup.held, path, way.seconds):
+        if self._grip.held is not None and self._is_grip_overloaded(self._grip.held, path, way.seconds):
             return 0
         before, place, last = np.array(self._data.qpos), self._make_placer(path), 0
         slow = way.last_leg if feeling else len(path.tips)
@@ -84,7 +85,7 @@ class ContactFreeMotion:
             free = last  # at full speed the arm needs the way before a contact to meet it under the dynamics
             for index in (look, *range(look - 1, max(last, slow), -1)):
                 place(index)
-                if not self._data.ncon:
+                if not self._grip.meets_anything_else():
                     free = index
                     break
             if watched and free > last:
@@ -109,23 +110,16 @@ class ContactFreeMotion:
             mujoco.mj_forward(self._model, self._data)
         return steps
 
-    def _is_cup_overloaded(self, number: int, way: _TipPath, step: float) -> bool:
-        """Whether weight and inertia of the held object exceed the cup's limits anywhere on the path."""
+    def _is_grip_overloaded(self, number: int, way: _TipPath, step: float) -> bool:
+        """Whether weight and inertia of the held object tear it from the hand anywhere on the path."""
         body, data = self._world.bodies[number], self._data
         tip, tool = self._current_tip()
         mass = float(self._model.body_mass[body])
         levers = way.tools @ (tool.T @ (data.xipos[body] - tip))
         centers: FloatArray = way.tips + levers
-        x, y, z = (mass / step**2 * (centers[2:] - 2 * centers[1:-1] + centers[:-2])).T
-        z = z + mass * GRAVITY
-        (i, j, k), (a, b, c) = levers[1:-1].T, way.tools[1:-1, :, 2].T
-        pressing: FloatArray = np.minimum(x * a + y * b + z * c, 0.0)
-        u, v, w = j * z - k * y, k * x - i * z, i * y - j * x
-        twist = u * a + v * b + w * c
-        loads: FloatArray = x * x + y * y + z * z - pressing**2
-        moments: FloatArray = u * u + v * v + w * w - twist**2
-        nozzle = self._cup.nozzle
-        return bool(loads.max() > nozzle.holding_force**2 or moments.max() > nozzle.peeling_moment**2)
+        forces: FloatArray = mass / step**2 * (centers[2:] - 2 * centers[1:-1] + centers[:-2])
+        forces[:, 2] += mass * GRAVITY
+        return self._grip.would_lose(forces, levers[1:-1], way.tools[1:-1, :, 2])
 
     def _current_tip(self) -> tuple[FloatArray, FloatArray]:
         """Position (3,) of the tip, and rotation (3, 3) of the tool from straight down."""
@@ -134,7 +128,7 @@ class ContactFreeMotion:
 
     def _make_placer(self, way: _TipPath) -> Callable[[int], None]:
         """Function that sets the arm and the held object to a way point, and finds the contacts there."""
-        model, data, held = self._model, self._data, self._cup.held
+        model, data, held = self._model, self._data, self._grip.held
         arm, joints = data.qpos[: self._dof], way.joints
         if held is None:
 
@@ -162,7 +156,7 @@ class ContactFreeMotion:
 
     def _take_up_speed(self, joints: FloatArray, speeds: FloatArray | None) -> None:
         """Hand over to the dynamics, the joints and the held object moving at ``speeds`` (dof,); None for at rest."""
-        model, data, held = self._model, self._data, self._cup.held
+        model, data, held = self._model, self._data, self._grip.held
         data.qvel[:] = 0.0
         data.qacc_warmstart[:] = 0.0
         if speeds is not None:

@@ -7,6 +7,7 @@ from typing import Final
 from grs_agents.base.config.schema import Limits
 from grs_agents.library.library import Library
 from grs_agents.sim.arms.registry import DEFAULT, get_arm
+from grs_agents.sim.hands.registry import DEFAULT_HAND
 from grs_agents.sim.instance.task_instance import InstanceObject
 from grs_agents.sim.world import budget
 
@@ -21,6 +22,7 @@ class SimContext:
         library: 3D assets; None for the shipped ones.
         seed: of the random places.
         robot: ``"ur5e"``, ``"panda"`` or the path of an MJCF file.
+        hand: name of the hand at its flange.
         background: library name of the fixed surroundings of the robot.
         bystanders: stand on the table before a task sets up its scene.
     """
@@ -28,6 +30,7 @@ class SimContext:
     library: Library | None = None
     seed: int = 0
     robot: str = DEFAULT
+    hand: str = DEFAULT_HAND
     background: str | None = None
     bystanders: tuple[InstanceObject, ...] = ()
 
@@ -49,12 +52,13 @@ def set_environment_defaults(
     limits: Limits | None = None,
     background: str | None = None,
     bystanders: Sequence[InstanceObject] = (),
+    hand: str = DEFAULT_HAND,
 ) -> None:
     """Set the context of every ``Environment`` of this process, e.g. of those that a test program makes.
 
     ``limits`` bound all environments of the process together from now on; None leaves them.
     """
-    present = SimContext(library, seed, robot, background, tuple(bystanders))
+    present = SimContext(library, seed, robot, hand, background, tuple(bystanders))
     for name, value in vars(present).items():
         object.__setattr__(PROCESS_CONTEXT, name, value)
     if limits is not None:

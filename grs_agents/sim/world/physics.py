@@ -9,15 +9,19 @@ from grs_agents.base import Pose, Quat, Vec3
 from grs_agents.base.geometry import transforms
 from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.base.mujoco_import import mujoco
-from grs_agents.sim.arms.arm_parts import DOWN, ROBOT_CONTYPE
+from grs_agents.sim.arms.arm_parts import DOWN
 from grs_agents.sim.arms.joint_paths import WAYPOINT_STEPS
+from grs_agents.sim.hands.hand import ROBOT_CONTYPE
+from grs_agents.sim.hands.two_fingers import FRANKA_HAND
 from grs_agents.sim.instance.episode import SimulationError
 from grs_agents.sim.instance.task_instance import InstanceObject
 from grs_agents.sim.world.budget import Budget
 from grs_agents.sim.world.compilation import World, reset_world_to_poses
 from grs_agents.sim.world.contact_free_motion import ContactFreeMotion
+from grs_agents.sim.world.fingers import Fingers
+from grs_agents.sim.world.grip import Grip, is_supported
 from grs_agents.sim.world.joint_way import pace_legs
-from grs_agents.sim.world.suction import Cup, is_supported
+from grs_agents.sim.world.suction import Cup
 
 _STILL: Final = 0.01
 """Speed below which a body is at rest, m/s."""
@@ -65,7 +69,7 @@ class Physics:
         reset_world_to_poses(world, objects)
         self.timestep = float(self.model.opt.timestep)
         self.waypoint_seconds = WAYPOINT_STEPS * self.timestep
-        self.arm, self.dof = world.arm, world.arm.dof
+        self.arm, self.dof, self._free = world.arm, world.arm.dof, world.first_free
         if joints is None:
             joints = self.arm.home_joints
         self.data.qpos[: self.dof] = joints
@@ -73,8 +77,8 @@ class Physics:
         self._command[:] = joints
         self._stiffness: FloatArray = np.array(self.model.actuator_gainprm[: self.dof, 0])
         self._lead: FloatArray = -self.model.actuator_biasprm[: self.dof, 2] / self._stiffness
-        self.cup = Cup(world, self.data)
-        self._contact_free = ContactFreeMotion(world, self.data, self.cup)
+        self.grip: Grip = Cup(world, self.data) if world.fingers is None else Fingers(world, self.data)
+        self._contact_free = ContactFreeMotion(world, self.data, self.grip)
         self._ray, self._met = np.empty((2, 3)), np.array([-1], dtype=np.int32)  # buffers: a search casts many rays
         self.observer: Callable[[], None] | None = None
         self.observer_period = 1  # time steps between two calls of the observer
@@ -90,9 +94,28 @@ class Physics:
         mujoco.mj_forward(self.model, self.data)
 
     @property
+    def cup(self) -> Cup:
+        """The suction of the hand."""
+        if not isinstance(self.grip, Cup):
+            raise SimulationError(f"the hand {self.arm.hand.name} has no suction cup", "set hand = 'suction'")
+        return self.grip
+
+    @property
+    def fingers(self) -> Fingers:
+        """The fingers of the hand."""
+        if not isinstance(self.grip, Fingers):
+            raise SimulationError(f"the hand {self.arm.hand.name} has no fingers", f"set hand = '{FRANKA_HAND.name}'")
+        return self.grip
+
+    @property
     def joint_positions(self) -> FloatArray:
         """Joint positions (dof,) of the arm: radians, or metres of a slide."""
         return np.array(self.data.qpos[: self.dof])
+
+    @property
+    def robot_positions(self) -> FloatArray:
+        """Joint positions of the arm (dof,), then those of the fingers of its hand (m), if it has any."""
+        return np.array(self.data.qpos[: self._free])
 
     @property
     def commanded_joint_positions(self) -> FloatArray:
@@ -151,11 +174,11 @@ class Physics:
         mujoco.mj_forward(self.model, self.data)
 
     def step(self, count: int = 1) -> None:
-        """Simulate ``count`` time steps; an object that overloads the cup is released (``cup.slip``)."""
+        """Simulate ``count`` time steps; an object that overloads the hand is released (``grip.slip``)."""
         self.budget.spend_steps(count)
-        cup, observer, data = self.cup, self.observer, self.data
+        grip, observer, data = self.grip, self.observer, self.data
         while count > 0:
-            part = count if cup.held is None else min(count, cup.due)
+            part = count if grip.held is None else min(count, grip.due)
             if observer is not None:
                 part = min(part, self.observer_period - self._unobserved)
             expected = data.time + part * self.timestep
@@ -164,8 +187,8 @@ class Physics:
                 self.diverged_at = expected - data.time  # after divergence MuJoCo begins anew at 0
             self._count_unobserved(part)
             count -= part
-            if cup.held is not None:
-                cup.release_if_overloaded(part)
+            if grip.held is not None:
+                grip.release_if_overloaded(part)
 
     def _count_unobserved(self, steps: int) -> None:
         """Count time steps, and call the observer when it is due."""
@@ -206,7 +229,7 @@ class Physics:
 
     def max_free_body_speed(self) -> float:
         """Speed of the fastest free body, m/s (a radian counts as 0.1 m)."""
-        return self._max_speed(self.data.qvel[self.dof :])
+        return self._max_speed(self.data.qvel[self._free :])
 
     def _max_speed(self, velocities: FloatArray) -> float:
         if not len(velocities):
@@ -217,7 +240,7 @@ class Physics:
     @property
     def is_asleep(self) -> bool:
         """Whether MuJoCo has put every free body to sleep: nothing moves by itself any more."""
-        return not self.data.tree_awake[self.model.dof_treeid[self.dof :]].any()
+        return not self.data.tree_awake[self.model.dof_treeid[self._free :]].any()
 
     def object_speed(self, number: int) -> float:
         """Speed of an object, m/s (a radian counts as 0.1 m); 0 for a fixed object."""
@@ -232,9 +255,9 @@ class Physics:
         if not self.is_asleep:
             # A scene that is slow and gathers no speed, by falling, tipping or rolling, rests already.
             self.step(_GLANCE - 1)
-            before = np.array(self.data.qvel[self.dof :])
+            before = np.array(self.data.qvel[self._free :])
             self.step()
-            surge = self._max_speed(self.data.qvel[self.dof :] - before)
+            surge = self._max_speed(self.data.qvel[self._free :] - before)
             if not max(self.max_free_body_speed(), surge / _SURGE) < _STILL:  # also for NaN
                 for _ in range(int(seconds / self.timestep / chunk)):
                     self.step(chunk)
@@ -251,7 +274,7 @@ class Physics:
 
     def separate_overlapping_bodies(self, seconds: float = 0.8) -> None:
         """Let overlapping bodies part slowly: their speed is clamped at every step."""
-        velocity = self.data.qvel[self.dof :]
+        velocity = self.data.qvel[self._free :]
         for _ in range(int(seconds / self.timestep)):
             if self.data.ncon == 0 or float(self.data.contact.dist.min()) > -0.001:
                 return
@@ -285,8 +308,8 @@ class Physics:
 
     @property
     def held_object_id(self) -> int | None:
-        """Id of the object in the cup; None for an empty cup."""
-        return self.cup.held
+        """Id of the object in the hand; None for an empty hand."""
+        return self.grip.held
 
     def compensate_joint_damping(self, path: FloatArray, speeds: FloatArray) -> FloatArray:
         """Commands (N, dof) for joint positions (N, dof) at ``speeds`` (N, dof) or (dof,), with the lag of the joints'
@@ -300,9 +323,9 @@ class Physics:
         With ``stop`` the arm feels its way along the last leg; ``stop`` may hold only where something is in contact.
         Without contacts the motion is kinematic, otherwise dynamic.
 
-        Returns: True if it ended early: the cup let go, or ``stop`` held.
+        Returns: True if it ended early: the hand let go, or ``stop`` held.
         """
-        held = self.cup.held
+        held = self.grip.held
         way = pace_legs(legs, self.arm, self.timestep, spacing)
         feeling = way.steps + 1 if stop is None else way.last_leg * WAYPOINT_STEPS
         gone = again = 0
@@ -310,30 +333,30 @@ class Physics:
             if gone >= again and gone % WAYPOINT_STEPS == 0 and self._contact_free.can_begin():
                 passed = self._contact_free.follow(
                     way.since(gone // WAYPOINT_STEPS),
-                    self._pass_time,
+                    self.pass_time,
                     feeling=stop is not None,
                     watched=self.observer is not None,
                 )
                 gone += passed
                 again = gone + _AGAIN
                 if passed:
-                    self.cup.watch_anew()
+                    self.grip.watch_anew()
                     self.hold_arm(way.command_at(gone, self._lead, self._stiffness))
                     continue
-            if self.cup.held is None:
+            if self.grip.held is None:
                 stride = _HELD_STRIDE if gone >= feeling else _FREE_STRIDE
             else:
                 stride = 1 if gone >= feeling else _HELD_STRIDE
             count = min(stride, way.steps - gone)
             gone += count
             self.lead_arm(way.command_at(gone, self._lead, self._stiffness), count)
-            if self.cup.held != held or (stop is not None and gone > feeling and stop()):
+            if self.grip.held != held or (stop is not None and gone > feeling and stop()):
                 self.hold_arm(self.joint_positions)
                 return True
         self.hold_arm(way.joints[-1])
         return False
 
-    def _pass_time(self, steps: int) -> None:
+    def pass_time(self, steps: int) -> None:
         """Count time steps of kinematic motion."""
         self.budget.spend_steps(steps)
         self.data.time += steps * self.timestep

@@ -5,7 +5,7 @@ A spec can be compiled, or written as MJCF.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 
@@ -15,8 +15,10 @@ from grs_agents.library.mesh_files import convex_mesh_volume
 from grs_agents.library.mujoco_shapes import add_shape_geom
 from grs_agents.library.shapes import ObjectModel, Shape, shape_volume
 from grs_agents.sim.arms.arm import Arm
-from grs_agents.sim.arms.arm_parts import ROBOT_CONTYPE, replace_cup_with_spatula
 from grs_agents.sim.arms.registry import get_arm
+from grs_agents.sim.hands.hand import ROBOT_CONTYPE, Tool
+from grs_agents.sim.hands.registry import get_hand
+from grs_agents.sim.hands.spatula import replace_cup_with_spatula
 from grs_agents.sim.instance.episode import SimulationError
 from grs_agents.sim.instance.task_instance import (
     HEAVIEST,
@@ -67,7 +69,6 @@ TIMESTEP: Final = 0.004
 _SLEEP_SPEED: Final = 0.003
 """Speed below which a body sleeps after ten time steps, m/s: at MuJoCo's 0.001 bodies that lean on one another in a
 heap never sleep, rock by 0.1 degrees and cost five times the rest of the scene."""
-Tool = Literal["suction", "spatula"]
 _DENSITY: Final = 300.0
 """Density of objects without a mass, kg/m^3."""
 _CROWD: Final = 12
@@ -76,6 +77,8 @@ _SMALL_ARENA: Final = 8 << 20
 are kept as states."""
 _FEW_TIES: Final = 3
 """Most ties for the direct solver; more ties, or a crowd of pushed bodies, are faster and steadier iteratively."""
+_IMPRATIO_OF_FINGERS: Final = 100.0
+"""Ratio of frictional to normal impedance: with less what is held by friction alone creeps out of the pads."""
 _ROLLING: Final = 0.002
 """Coefficient of rolling friction, metres, as of a rubber ball on wood: a 4 cm ball rests on slopes up to 6 degrees."""
 _GREY: Final = (0.7, 0.7, 0.7, 1.0)
@@ -179,7 +182,7 @@ def objects_to_spec(
 ) -> WorldSpec:
     """The spec of a world with all objects at the origin: ``build_world`` compiles it once for all their poses.
 
-    ``visuals`` adds visual geoms (meshes, marks on the table); with the spatula there are no suction welds. Raises
+    ``visuals`` adds visual geoms (meshes, marks on the table); only for the cup there are suction welds. Raises
     ``UnknownNameError`` for an unknown asset, ``SimulationError`` for a filled template too large or too thin.
     """
     spec = create_base_world_spec(timestep)
@@ -201,7 +204,9 @@ def objects_to_spec(
     if len(free) <= _CROWD:
         spec.memory = _SMALL_ARENA
     graspable = free if tool == "suction" else ()
-    if len(ties) > _FEW_TIES or len(free) - len(graspable) > _CROWD:
+    if tool == "fingers":
+        spec.option.impratio = _IMPRATIO_OF_FINGERS
+    if len(ties) > _FEW_TIES or (tool == "spatula" and len(free) > _CROWD):
         # 50 grains in a heap then cost 0.3 ms a step, 2-3 ms with the options for a few objects.
         option = spec.option
         option.solver = mujoco.mjtSolver.mjSOL_CG
@@ -235,8 +240,8 @@ def instance_to_spec(instance: TaskInstance, library: Library, visuals: bool = F
         instance.timestep,
         visuals,
         instance.ties,
-        "spatula" if instance.primitive == "push" else "suction",
-        get_arm(instance.robot),
+        "spatula" if instance.primitive == "push" else get_hand(instance.hand).tool,
+        get_arm(instance.robot, instance.mounted_hand),
         instance.background,
     )
     made.spec.modelname = f"{instance.task}_{instance.seed}"

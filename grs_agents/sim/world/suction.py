@@ -5,21 +5,17 @@ from typing import Any, Final
 
 import numpy as np
 
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.base.mujoco_import import mujoco
-from grs_agents.sim.arms.arm_parts import CUP, ROBOT_CONTYPE, Nozzle
+from grs_agents.sim.hands.hand import ROBOT_CONTYPE
+from grs_agents.sim.hands.suction_cup import CUP, Nozzle
 from grs_agents.sim.world.compilation import World
+from grs_agents.sim.world.grip import WATCHED, Grip, is_supported
 
 HOLDING_FORCE: Final = CUP.holding_force
 """Force that the suction cup holds, newtons."""
-GRAVITY: Final = 9.81
-"""Gravitational acceleration, m/s^2."""
 PEELING_MOMENT: Final = CUP.peeling_moment
 """Moment that peels the cup's lip off, newton metres."""
-WATCHED: Final = 4
-"""Time steps between two checks of the cup's load; two checks over the limit in succession break the hold."""
-
-_UPRIGHT: Final = 0.7
-"""Least vertical part of the normal of a contact that supports an object."""
 
 
 @dataclass(frozen=True)
@@ -31,33 +27,15 @@ class SuctionLoss:
     moment: float
 
 
-def is_supported(world: World, data: Any, number: int) -> bool:
-    """Whether anything but the robot supports an object."""
-    if data.ncon == 0:
-        return False
-    pairs = data.contact.geom
-    touching = world.owner_of_geom[pairs] == number
-    robot = (world.model.geom_contype[pairs] == ROBOT_CONTYPE).any(axis=1)
-    upwards = data.contact.frame[:, 2]  # normal from the first geom of a pair to the second
-    held_up = (touching[:, 0] & (upwards < -_UPRIGHT)) | (touching[:, 1] & (upwards > _UPRIGHT))
-    return bool((held_up & ~robot).any())
-
-
-class Cup:
+class Cup(Grip):
     """The suction of a running world."""
 
     def __init__(self, world: World, data: Any) -> None:
-        self._world, self._data = world, data
-        self.held: int | None = None  # id of the object on the cup
+        super().__init__(world, data)
         self.slip: SuctionLoss | None = None  # loss of the object held last
-        self.due = WATCHED  # time steps until the next check of the load
-        self._strained = False
-        self._dof, self._weight = world.arm.dof, 0.0
-        self._jacobian = np.zeros((3, world.model.nv))
         # Views of the state: creating them at each check would cost as much as the check.
         self._tip: Any = data.site_xpos[world.tip_site]
         self._tip_axes: Any = data.site_xmat[world.tip_site]
-        self._joint_forces: Any = data.qfrc_applied[: self._dof]
         self._set_cup_collisions(True)
         self.fit_nozzle(CUP)
 
@@ -80,9 +58,8 @@ class Cup:
         row[0:3], row[3:6], row[6:10] = 0.0, relative, rotation
         row[10] = float(number not in world.limp)  # how stiffly it holds the rotation
         data.eq_active[weld] = 1
-        self.held, self.slip, self.due, self._strained = number, None, WATCHED, False
-        self._weight = float(world.model.body_mass[body]) * GRAVITY
-        self._compensate_held_weight(number)
+        self.slip = None
+        self._take(number)
         self._set_cup_collisions(False)
 
     def release(self, collides: bool = True) -> None:
@@ -102,18 +79,20 @@ class Cup:
         if self.held is None:
             self._set_cup_collisions(True)
 
-    def _compensate_held_weight(self, number: int) -> None:
-        """Add joint torques for the weight of the held object (payload compensation), so that the tip does not sag."""
-        world, data = self._world, self._data
-        if number not in world.limp:
-            mujoco.mj_jacSite(world.model, data, self._jacobian, None, world.tip_site)
-            np.multiply(self._jacobian[2, : self._dof], self._weight, out=self._joint_forces)
+    def meets_anything_else(self) -> bool:
+        """As ``Grip.meets_anything_else``: the weld is no contact."""
+        return bool(self._data.ncon)
 
-    def watch_anew(self) -> None:
-        """Restart the load checks after the arm was set to another pose."""
-        self.due, self._strained = WATCHED, False
-        if self.held is not None:
-            self._compensate_held_weight(self.held)
+    def would_lose(self, forces: FloatArray, levers: FloatArray, axes: FloatArray) -> bool:
+        """As ``Grip.would_lose``: the load is tension and shear, the moment acts across the cup's axis."""
+        (x, y, z), (i, j, k), (a, b, c) = forces.T, levers.T, axes.T
+        pressing: FloatArray = np.minimum(x * a + y * b + z * c, 0.0)
+        u, v, w = j * z - k * y, k * x - i * z, i * y - j * x
+        twist = u * a + v * b + w * c
+        loads: FloatArray = x * x + y * y + z * z - pressing**2
+        moments: FloatArray = u * u + v * v + w * w - twist**2
+        nozzle = self.nozzle
+        return bool(loads.max() > nozzle.holding_force**2 or moments.max() > nozzle.peeling_moment**2)
 
     def _set_cup_collisions(self, on: bool) -> None:
         """Let the cup collide with objects, or not: while it holds an object, the weld alone acts between them."""

@@ -15,6 +15,7 @@ from grs_agents.base.errors import GrsError, InputError
 from grs_agents.base.geometry import transforms
 from grs_agents.base.geometry.transforms import FloatArray, pose_matrix
 from grs_agents.library.library import Library
+from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.registry import get_arm
 from grs_agents.sim.instance.episode import SimulationError
 from grs_agents.sim.instance.task_instance import hash_instance
@@ -23,6 +24,7 @@ from grs_agents.sim.rendering.scene_cameras import Backend
 from grs_agents.sim.tabletop_episode import InstanceEpisode, follow_oracle
 from grs_agents.sim.variation.types import Variation
 from grs_agents.sim.variation.vary import vary_instance
+from grs_agents.sim.world.fingers import Fingers
 from grs_agents.sim.world.physics import Physics
 from grs_agents.tasks.demos.attempt_store import AttemptStore
 from grs_agents.tasks.demos.types import CameraModel, Demonstration, Dropped, Floats, Row, installed_versions
@@ -35,6 +37,8 @@ from grs_agents.tasks.task_folder import TaskFolder
 Flags = npt.NDArray[np.bool_]
 _PACES: Final = (1.0, 0.7)
 """Speeds of a replay relative to the expert: slower if the held object slips off at the control rate."""
+_FINGER_PACES: Final = (0.5, 0.43)
+"""As ``_PACES``, for fingers: what they hold by friction creeps the more the faster it is moved."""
 _SPARE: Final = 20
 """Most attempts beyond twice the number of episodes."""
 _VARIED: Final = Variation(jitter=0.03, yaw=float(np.deg2rad(30)))
@@ -94,9 +98,13 @@ class _Attempts:
     def __init__(self, folder: TaskFolder, order: DemoOrder) -> None:
         self._folder, self._order = folder, order
         self._instances = {seed: folder.read_instance(seed) for seed in folder.seeds}
-        counts = {(len(item.task_objects), item.robot): seed for seed, item in self._instances.items()}
+        counts = {
+            (len(item.task_objects), item.robot, item.mounted_hand): seed for seed, item in self._instances.items()
+        }
         if len(counts) > 1:
-            differing = ", ".join(f"seed {seed} has {count} and {robot}" for (count, robot), seed in counts.items())
+            differing = ", ".join(
+                f"seed {seed} has {count} and {robot} with {hand}" for (count, robot, hand), seed in counts.items()
+            )
             raise InputError(
                 f"the instances of {folder.path} differ in how many objects they have, or in the robot: {differing}",
                 "keep instances of one kind in one folder: a data set has one column for each joint and object",
@@ -107,8 +115,8 @@ class _Attempts:
         if "photo" in order.cameras and any(item.camera is None for item in self._instances.values()):
             message = f"{folder.path} does not say where its photo was taken from"
             raise InputError(message, "leave the camera photo out")
-        ((rows, robot),) = counts
-        self._replayer = Replayer(folder.library, robot, rows, order.cameras, order.size, order.renderer)
+        ((rows, robot, hand),) = counts
+        self._replayer = Replayer(folder.library, get_arm(robot, hand), rows, order.cameras, order.size, order.renderer)
 
     @property
     def max_attempt_count(self) -> int:
@@ -135,14 +143,14 @@ class _Attempts:
                 instance = vary_instance(instance, self._order.variation, rng, self._folder.library)
             stage, episode = "expert", self._replayer.episode
             episode.begin(instance)
-            positions, held = record_expert(episode.current)
+            positions, held, grip = record_expert(episode.current)
             if not episode.is_solved():
                 raise SimulationError(episode.sim.current_episode.detail)
             stage = "replay"
             period = round(1 / (CONTROL_RATE * instance.timestep))
-            for pace in _PACES:
+            for slower in range(len(_PACES)):
                 episode.begin(instance)
-                if demonstration := self._replayer.run(path_to_actions(positions, held, period, pace)):
+                if demonstration := self._replayer.run(expert_actions(positions, held, grip, period, slower)):
                     return replace(demonstration, attempt=attempt, base_seed=base)
             raise SimulationError(episode.sim.current_episode.detail)
         except GrsError as error:
@@ -153,19 +161,24 @@ class _Attempts:
         self._replayer.close()
 
 
-def record_expert(episode: InstanceEpisode) -> tuple[FloatArray, Flags]:
+def record_expert(episode: InstanceEpisode) -> tuple[FloatArray, Flags, FloatArray | None]:
     """Let the expert solve an episode that was just reset.
 
-    Returns joint positions (N, dof), linear between two samples, and whether the cup holds an object (N,), one row for
-    each physics step. ``episode.sim.current_episode`` says how it went.
+    Returns joint positions (N, dof), linear between two samples, whether the hand holds an object (N,), and of a hand
+    with fingers its commands (N,), see ``Fingers.openness``; one row for each physics step.
+    ``episode.sim.current_episode`` says how it went.
     """
     physics = episode.sim.physics
+    fingers = physics.grip if isinstance(physics.grip, Fingers) else None
+    grips = list[float]() if fingers is None else [fingers.openness]
     times, positions, held = [float(physics.data.time)], [physics.joint_positions], [False]
 
     def sample_arm_state() -> None:
         times.append(float(physics.data.time))
         positions.append(physics.joint_positions)
         held.append(physics.held_object_id is not None)
+        if fingers is not None:
+            grips.append(fingers.openness)
 
     physics.observer = sample_arm_state
     try:
@@ -176,7 +189,17 @@ def record_expert(episode: InstanceEpisode) -> tuple[FloatArray, Flags]:
     at = np.linspace(0.0, float(steps[-1]), int(steps[-1]) + 1)
     looks: FloatArray = np.array(positions)
     path = np.column_stack([np.interp(at, steps, looks[:, joint]) for joint in range(looks.shape[1])])
-    return path, np.array(held)[np.searchsorted(steps, at)]
+    rows = np.searchsorted(steps, at)
+    return path, np.array(held)[rows], None if fingers is None else np.array(grips)[rows]
+
+
+def expert_actions(
+    positions: FloatArray, held: Flags, grip: FloatArray | None, period: int, slower: int = 0
+) -> npt.NDArray[np.float32]:
+    """Actions (T, dof + 1) that repeat an episode of `record_expert` with its hand, at the pace of that try."""
+    if grip is None:
+        return path_to_actions(positions, held, period, _PACES[slower])
+    return path_to_finger_actions(positions, grip, period, _FINGER_PACES[slower])
 
 
 def path_to_actions(positions: FloatArray, held: Flags, period: int, pace: float = 1.0) -> npt.NDArray[np.float32]:
@@ -211,12 +234,27 @@ def path_to_actions(positions: FloatArray, held: Flags, period: int, pace: float
     return np.concatenate([targets, np.where(suction, 1.0, -1.0)[:, None]], axis=1).astype(np.float32)
 
 
+def path_to_finger_actions(
+    positions: FloatArray, grip: FloatArray, period: int, pace: float = 1.0
+) -> npt.NDArray[np.float32]:
+    """As ``path_to_actions``, for a hand with fingers: the arm stands while they close and open, as the expert's did.
+
+    ``grip`` are the commands of the fingers (N,).
+    """
+    last = len(positions) - 1
+    at = np.minimum(np.arange(1, int(np.ceil(last / (pace * period))) + 1) * period * pace, last)
+    before, share = np.floor(at).astype(int), (at % 1)[:, None]
+    after = np.minimum(before + 1, last)
+    targets = positions[before] * (1 - share) + positions[after] * share
+    return np.concatenate([targets, grip[before][:, None]], axis=1).astype(np.float32)
+
+
 class Replayer:
     """Replays actions as the environment ``GRS-v0`` with the control ``joint_position``, and records observations.
 
     Args:
         library: 3D assets.
-        robot: the arm of all episodes.
+        arm: of all episodes, with its hand.
         rows: number of objects of the tasks.
         cameras: names of the cameras.
         size: rows and columns of the pictures.
@@ -224,9 +262,8 @@ class Replayer:
     """
 
     def __init__(
-        self, library: Library, robot: str, rows: int, cameras: Sequence[str], size: tuple[int, int], renderer: Backend
+        self, library: Library, arm: Arm, rows: int, cameras: Sequence[str], size: tuple[int, int], renderer: Backend
     ) -> None:
-        arm = get_arm(robot)
         self.episode = TaskEpisode(library)
         self._control, self._state = JointPositionControl(arm), StateReader(arm, rows)
         self._photographer = Photographer(cameras, ("rgb",), size, renderer)

@@ -54,7 +54,10 @@ class Control(Protocol):
 
 
 class JointPositionControl:
-    """Joint positions at the end of the control period (rad, or m of a slide), then suction: on above 0."""
+    """Joint positions at the end of the control period (rad, or m of a slide), then the hand.
+
+    It holds above 0: suction is on, fingers close. Else suction is off, and fingers open to that share of their stroke.
+    """
 
     rate: float = CONTROL_RATE
 
@@ -68,7 +71,7 @@ class JointPositionControl:
 
     def apply(self, action: FloatArray) -> dict[str, object]:
         """Simulate a control period."""
-        self._controller.apply(action[:-1], bool(action[-1] > 0))
+        self._controller.apply(action[:-1], float(action[-1]))
         return {"blocked": self._controller.blocked}
 
     def horizon(self, max_steps: int) -> int:
@@ -77,7 +80,7 @@ class JointPositionControl:
 
 
 class JointVelocityControl:
-    """Joint speeds as shares of ``LARGEST_VELOCITY`` (slides: m/s of it), then suction: on above 0.
+    """Joint speeds as shares of ``LARGEST_VELOCITY`` (slides: m/s of it), then the hand as in ``JointPositionControl``.
 
     A period is 1/15 s, rounded to whole physics steps: 68 ms at 4 ms.
     """
@@ -93,7 +96,7 @@ class JointVelocityControl:
     def apply(self, action: FloatArray) -> dict[str, object]:
         """Simulate a control period."""
         target = self._controller.reference + action[:-1] * (LARGEST_VELOCITY / self.rate)
-        self._controller.apply(target, bool(action[-1] > 0))
+        self._controller.apply(target, float(action[-1]))
         return {"blocked": self._controller.blocked}
 
     def horizon(self, max_steps: int) -> int:
@@ -102,7 +105,8 @@ class JointVelocityControl:
 
 
 class EeDeltaControl:
-    """Steps of the tip along x, y, z and a turn about the vertical, as shares of the largest, then suction: on above 0.
+    """Steps of the tip along x, y, z and a turn about the vertical, as shares of the largest, then the hand as in
+    ``JointPositionControl``.
 
     The tool points down; the arm stays where a step is out of reach.
     """
@@ -126,7 +130,7 @@ class EeDeltaControl:
         yaw = math.atan2(rotation[1, 0], rotation[0, 0]) + turn
         joints = self._arm.solve_ik_tool_down(goal, np.array([yaw]), here)[0]
         reachable = bool(np.abs(joints - here).max() < 1.0)  # False for NaN
-        self._controller.apply(joints if reachable else here, bool(action[4] > 0))
+        self._controller.apply(joints if reachable else here, float(action[4]))
         return {"blocked": self._controller.blocked or not reachable}
 
     def horizon(self, max_steps: int) -> int:
@@ -178,7 +182,7 @@ def make_control(name: str, instance: TaskInstance, arm: Arm) -> Control:
         raise UnknownNameError("control", name, CONTROLS)
     if name in ("pick_place", "push"):
         if name != instance.primitive:
-            tool = "a spatula" if instance.primitive == "push" else "a suction cup"
+            tool = "a spatula" if instance.primitive == "push" else f"the hand {instance.hand}"
             raise InputError(f"control {name!r}: the task's robot has {tool}", f"use control={instance.primitive!r}")
         return PrimitiveControl(name == "push")
     if name == "joint_velocity":

@@ -92,7 +92,7 @@ class GrsEnv(gymnasium.Env[Any, Any]):
         }
         if not self.instances:
             raise InputError(f"{self.folder.path}: no instance was asked for", "name at least one seed")
-        kinds = {(item.robot, item.primitive, item.timestep) for item in self.instances.values()}
+        kinds = {(item.robot, item.hand, item.primitive, item.timestep) for item in self.instances.values()}
         if len(kinds) > 1:
             message = f"{self.folder.path} has instances for different robots: {sorted(kinds)}"
             raise InputError(message, "choose some by seeds=")
@@ -106,7 +106,7 @@ class GrsEnv(gymnasium.Env[Any, Any]):
                 ) from error
         self._dense, self._variation = reward == "dense", variation
         self._instance = first = next(iter(self.instances.values()))
-        arm = get_arm(first.robot)
+        arm = get_arm(first.robot, first.mounted_hand)
         self.control_name, self._control = control, make_control(control, first, arm)
         self._state = StateReader(arm, max(len(instance.task_objects) for instance in self.instances.values()))
         self._photographer = Photographer(cameras, modalities, (image_size[0], image_size[1]), renderer)

@@ -35,13 +35,15 @@ class TaskEpisode:
 
     def __init__(self, library: Library) -> None:
         self.library = library
-        self._robot: str | None = None
+        self._robot: tuple[str, str] | None = None
 
     def begin(self, instance: TaskInstance) -> None:
         """Set the scene of an instance up and let it settle; raises ``SimulationError`` if that fails."""
-        if self._robot != instance.robot:
-            self.sim = TabletopSim(self.library, seed=instance.seed, budget=_BUDGET, robot=instance.robot)
-            self._robot = instance.robot
+        if self._robot != (robot := (instance.robot, instance.hand)):
+            self.sim = TabletopSim(
+                self.library, seed=instance.seed, budget=_BUDGET, robot=instance.robot, hand=instance.hand
+            )
+            self._robot = robot
         self.instance, self.current = instance, change_instance(self.sim, instance)
         self.current.reset()
         self.object_ids = tuple(self.task.ids[item.id] for item in instance.task_objects)
@@ -79,4 +81,4 @@ class TaskEpisode:
         return self._solved
 
     def _object_state(self) -> FloatArray:
-        return np.array(self.physics.data.qpos[self.physics.dof :])
+        return np.array(self.physics.data.qpos[self.physics.world.first_free :])

@@ -10,7 +10,8 @@ from grs_agents.base import Pose, Quat, Vec3
 from grs_agents.base.geometry import transforms
 from grs_agents.base.mujoco_import import mujoco
 from grs_agents.library.library import Library
-from grs_agents.sim.arms.arm_parts import CUP_RADIUS
+from grs_agents.sim.hands.suction_cup import CUP_RADIUS
+from grs_agents.sim.hands.two_fingers import FINGERS
 from grs_agents.sim.instance.task_instance import TaskInstance
 from grs_agents.sim.tabletop_episode import open_instance_episode
 from grs_agents.sim.world.spec import WorldSpec, instance_to_spec
@@ -67,6 +68,8 @@ def build_mjcf_scene(instance: TaskInstance, library: Library, portable: bool) -
     world = instance_to_spec(instance, library, visuals=True)
     world.spec.modelname = re.sub(r"\W", "_", world.spec.modelname) or "scene"
     for actuator in world.spec.actuators:  # ranges, so that a viewer has a slider for each joint
+        if actuator.name in FINGERS:  # of their data sheet
+            continue
         low, high = (float(bound) for bound in world.spec.joint(actuator.target).range)
         actuator.ctrlrange, actuator.ctrllimited = (low - _BEYOND, high + _BEYOND), True
     if portable:
@@ -94,11 +97,12 @@ def build_mjcf_scene(instance: TaskInstance, library: Library, portable: bool) -
     physics, dof = episode.sim.physics, world.arm.dof
     addresses = [physics.world.addresses[episode.task.ids[number]] for number in world.free]
     places = [physics.data.qpos[start : start + 7] for start in addresses]
-    speeds = [physics.data.qvel[dof + (start - dof) // 7 * 6 :][:6] for start in addresses]
-    home = world.arm.home_joints
+    free = physics.world.first_free
+    speeds = [physics.data.qvel[free + (start - free) // 7 * 6 :][:6] for start in addresses]
+    home = np.concatenate([world.arm.home_joints, physics.robot_positions[dof:]])  # the fingers wide open
     start = world.spec.add_key(name="start")
-    start.qpos, start.qvel = np.concatenate([home, *places]), np.concatenate([np.zeros(dof), *speeds])
-    start.ctrl = np.concatenate([home, np.zeros(len(list(world.spec.actuators)) - dof)])
+    start.qpos, start.qvel = np.concatenate([home, *places]), np.concatenate([np.zeros(free), *speeds])
+    start.ctrl = np.concatenate([home, np.zeros(len(list(world.spec.actuators)) - free)])
     return MjcfScene(instance, world, portable, sites)
 
 

@@ -10,6 +10,7 @@ from grs_agents.base.mujoco_import import mujoco
 from grs_agents.base.templates import load_template
 from grs_agents.base.version import __version__
 from grs_agents.library.library import Library
+from grs_agents.sim.hands.two_fingers import TwoFingerHand
 from grs_agents.sim.instance.task_instance import hash_instance
 from grs_agents.sim.world.suction import HOLDING_FORCE, PEELING_MOMENT
 from grs_agents.tasks.export.mjcf_scene import MjcfScene
@@ -25,8 +26,10 @@ class Words:
 
 def write_readme_text(scene: MjcfScene, model: Any, library: Library, words: Words) -> str:
     """The README in Markdown; ``model`` is the scene's ``mujoco.MjModel``."""
+    hand = scene.world.arm.hand
     return load_template(Path(__file__).with_name("readme.md"), markdown=_escape_markdown).render(
         scene=scene,
+        fingers=hand if isinstance(hand, TwoFingerHand) else None,
         instance=scene.instance,
         words=words,
         goals=list(_describe_goals(scene)),

@@ -59,7 +59,7 @@ class PrimitiveTask:
     """
 
     def __init__(self, instance: TaskInstance, library: Library) -> None:
-        self._sim = TabletopSim(library, seed=instance.seed, budget=_BUDGET, robot=instance.robot)
+        self._sim = TabletopSim(library, seed=instance.seed, budget=_BUDGET, robot=instance.robot, hand=instance.hand)
         self.candidates: tuple[int, ...] = ()
         self.reset(instance)
 

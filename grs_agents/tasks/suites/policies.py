@@ -13,7 +13,7 @@ import numpy.typing as npt
 from grs_agents.base.errors import GrsError, InputError, UnknownNameError
 from grs_agents.library.library import Library
 from grs_agents.sim.instance.task_instance import TaskInstance
-from grs_agents.tasks.demos.production import path_to_actions, record_expert
+from grs_agents.tasks.demos.production import expert_actions, record_expert
 from grs_agents.tasks.envs.controls import LARGEST_VELOCITY, JointVelocityControl
 from grs_agents.tasks.envs.task_episode import TaskEpisode
 from grs_agents.tasks.suites.layouts import Layout, Observation
@@ -81,10 +81,10 @@ class ExpertPolicy:
         """Let the expert solve the episode on a table of its own."""
         episode = TaskEpisode(start.library)
         episode.begin(start.instance)
-        positions, held = record_expert(episode.current)
+        positions, held, grip = record_expert(episode.current)
         timestep, arm = start.instance.timestep, episode.sim.arm
         rate = JointVelocityControl(arm, timestep).rate if self._control == "joint_velocity" else 25.0
-        self._actions = path_to_actions(positions, held, round(1 / (rate * timestep))).astype(np.float64)
+        self._actions = expert_actions(positions, held, grip, round(1 / (rate * timestep))).astype(np.float64)
         if self._control == "joint_velocity":
             before = np.vstack([positions[:1], self._actions[:-1, :-1]])
             self._actions[:, :-1] = (self._actions[:, :-1] - before) * (rate / LARGEST_VELOCITY)

@@ -188,9 +188,9 @@ class RolloutView:
     def _show_robot(self, recording: RerunRecording, instance: TaskInstance) -> None:
         """The solids of the robot's links, each below the pose of its body, unless shown already."""
         push = instance.primitive == "push"
-        if self._robot != (name := f"{instance.robot} {push}"):
+        if self._robot != (name := f"{instance.robot} {instance.mounted_hand} {push}"):
             self._robot = name
-            for body, solid in build_robot_meshes(get_arm(instance.robot), push).items():
+            for body, solid in build_robot_meshes(get_arm(instance.robot, instance.mounted_hand), push).items():
                 mesh = rr.Mesh3D(
                     vertex_positions=solid.vertices,
                     vertex_normals=solid.normals,

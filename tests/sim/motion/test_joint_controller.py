@@ -75,3 +75,29 @@ def test_a_rate_that_does_not_divide_the_physics_steps_is_refused() -> None:
     assert JointController(physics, 50.0).steps == 5
     with pytest.raises(SimulationError, match="30 Hz is not a whole number"):
         JointController(physics, 30.0)
+
+
+def test_fingers_close_on_a_block_hold_it_and_open_to_the_share_that_they_are_told() -> None:
+    env = Environment(
+        task=Scripted(lambda task, env: env.add_object("block/block.urdf", at(0.5, -0.2, 0.02))),
+        robot="ur5e",
+        hand="robotiq_2f85",
+    )
+    env.reset()
+    physics, controller = env.physics, JointController(env.physics)
+
+    def go(height: float, suction: float, periods: int) -> None:
+        target = env.arm.solve_ik_tool_down(np.array([[0.5, -0.2, height]]), np.zeros(1), controller.reference)[0]
+        for _ in range(periods):
+            controller.apply(target, suction)
+
+    go(0.15, -1.0, 60)
+    go(0.008, -0.7, 40)
+    assert physics.fingers.width == pytest.approx(0.7 * 0.085, abs=1e-3)
+    go(0.008, 1.0, 25)
+    assert physics.held_object_id == 1
+    go(0.12, 1.0, 50)
+    assert env.get_object_pose(1)[0][2] == pytest.approx(0.02 + 0.112, abs=0.004)
+    go(0.12, -1.0, 40)
+    assert physics.held_object_id is None
+    assert env.get_object_pose(1)[0][2] < 0.03

@@ -3,9 +3,9 @@ import pytest
 from sim_scenes import Scripted, at, pose_goal, run, zone_goal
 
 from grs_agents.sim import Environment, Task, TaskInstance, in_zone, instantiate, rollout, upright
-from grs_agents.sim.arms.arm_parts import BLADE_WIDTH
 from grs_agents.sim.cliport.end_effectors import Spatula, push
 from grs_agents.sim.expert.push_oracle import Pieces, Strokes, find_clear_stroke_starts, predict_piece_positions
+from grs_agents.sim.hands.spatula import BLADE_WIDTH
 from grs_agents.sim.motion.push import stroke_endpoints
 
 LEFT = at(0.5, 0.27, 0.001)

@@ -155,3 +155,18 @@ def test_a_data_set_is_a_task_folder_too(blocks: Path, kept: Path, tmp_path: Pat
     folder = open_task_folder(tmp_path / "out")
     assert folder.seeds == (0, 1, 2)
     assert folder.read_instance(0) == two_blocks(0)
+
+
+def test_fingers_are_recorded_as_what_they_are_told(tmp_path: Path) -> None:
+    fingers = two_blocks(0).model_copy(update={"robot": "ur5e", "hand": "robotiq_2f85"})
+    folder = write_instances(tmp_path / "blocks", fingers)
+    order = QUICK.model_copy(update={"episodes": 1})
+    made = make_demonstrations(open_task_folder(folder), order, tmp_path / "work", lambda _: None)
+    (one,) = made.demonstrations()
+    last = one.actions[:, -1]
+    assert last.max() == 1.0
+    assert ((last > 0) | ((last <= 0) & (last >= -1))).all()
+    assert set(np.unique(last)) > {1.0}  # to open, the share of the stroke
+    assert -1.0 < last[last <= 0].mean() < 0.0
+    assert one.suction.any()
+    assert one.strict >= 0.985

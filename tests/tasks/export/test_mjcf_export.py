@@ -15,7 +15,8 @@ import pytest
 from grs_agents.base.errors import InputError, UnknownNameError
 from grs_agents.base.mujoco_import import mujoco
 from grs_agents.library.library import Library
-from grs_agents.sim.instance.task_instance import hash_instance
+from grs_agents.sim.arms.registry import get_arm
+from grs_agents.sim.instance.task_instance import InstanceObject, TaskInstance, hash_instance
 from grs_agents.sim.world.compilation import compile_world, reset_world_to_poses
 from grs_agents.sim.world.spec import instance_to_spec
 from grs_agents.tasks.export.mjcf_folder import MjcfFolder, export_mjcf
@@ -227,3 +228,26 @@ def test_a_texture_bomb_of_a_task_folder_is_not_decoded(tmp_path: Path) -> None:
     done = grs("export", "task", folder=tmp_path)
     assert done.returncode == 2 and len(done.stderr.splitlines()) == 1, done.stderr
     assert "photo.png has 16000x16000 pixels, at most 16777216" in done.stderr
+
+
+@pytest.mark.parametrize("portable", [False, True])
+def test_fingers_lift_a_thing_in_plain_mujoco(tmp_path: Path, portable: bool) -> None:
+    block = InstanceObject(id=1, asset="block/block.urdf", pose=((0.5, 0.1, 0.02), (0.0, 0.0, 0.0, 1.0)))
+    instance = TaskInstance(
+        task="Lift", seed=0, max_steps=1, timestep=0.004, objects=(block,), goals=(), robot="ur5e", hand="robotiq_2f85"
+    )
+    (tmp_path / "task" / "instances").mkdir(parents=True)
+    (tmp_path / "task" / "instances" / "seed_0.json").write_text(instance.model_dump_json(), encoding="utf-8")
+    made = export_mjcf(open_task_folder(tmp_path / "task"), tmp_path / "made", portable=portable)
+    assert "Robotiq 2F-85 holds by contact" in (made.folder / "README.md").read_text("utf-8")
+    model, data = load(made)
+    arm: Any = get_arm("ur5e", "robotiq_2f85")
+    model.actuator_forcerange[-2:] = (-40.0, 40.0)
+    down = arm.solve_ik_tool_down(np.array([[0.5, 0.1, 0.005], [0.5, 0.1, 0.15]]), np.zeros(2))
+    for joints, width in ((down[1], 0.04), (down[0], 0.04), (down[0], 0.0), (down[1], 0.0)):
+        start = np.array(data.ctrl[:6])
+        for share in np.linspace(0, 1, 400):
+            data.ctrl[:6], data.ctrl[6:] = start + share * (joints - start), width
+            mujoco.mj_step(model, data)
+        mujoco.mj_step(model, data, 100)
+    assert float(data.body("object_1").xpos[2]) > 0.14

@@ -1,0 +1,1 @@
+"""Hands: the tools that a robot's flange carries, by their data sheets."""
