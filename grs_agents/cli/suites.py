@@ -9,12 +9,14 @@ from rich.table import Table
 from rich.text import Text
 
 from grs_agents.base import terminal
+from grs_agents.base.files import write_text
 from grs_agents.base.terminal import print_escaped, print_json
 from grs_agents.sim.variation.types import Variation
 from grs_agents.tasks.suites.evaluation import EvaluationSummary, compare_evaluations, evaluate, make_order
 from grs_agents.tasks.suites.layouts import read_layout
 from grs_agents.tasks.suites.statistics import Interval, PairedComparison
 from grs_agents.tasks.suites.suite import list_changes_of_suite, make_suite
+from grs_agents.views.evaluation.page import render_evaluation_page
 from grs_agents.views.terminal import show_activity_status
 
 
@@ -81,6 +83,8 @@ def evaluate_policy(
         except KeyboardInterrupt:
             print_escaped("interrupted; the same command goes on", error=True)
             raise
+    with show_activity_status("drawing films") as show:
+        write_text(place / "index.html", render_evaluation_page(folder, place, show))
     if as_json:
         print_json({"folder": str(place), **summary.model_dump(mode="json")})
         return 0
@@ -129,7 +133,7 @@ def _print_summary(place: Path, summary: EvaluationSummary) -> None:
         )
     moved = f"{summary.disturbed:.0%} of episodes moved a bystander; {summary.dropped:.2f} objects dropped in each"
     console.print(Text(moved))
-    console.print(Text(f"rows, motions and figures are in {place}"))
+    console.print(Text(f"the page is {place / 'index.html'}, rows and motions are beside it"))
 
 
 def _percent(interval: Interval) -> str:

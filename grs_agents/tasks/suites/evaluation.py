@@ -204,6 +204,19 @@ def read_results(out: Path) -> list[EpisodeResult]:
     return rows
 
 
+def read_summary(out: Path) -> EvaluationSummary:
+    """The figures of an evaluation. Raises InputError: the folder holds no finished evaluation."""
+    try:
+        return EvaluationSummary.model_validate(read_json(out / SUMMARY, "finish it with `grs evaluate`"))
+    except ValidationError as error:
+        raise InputError(f"{out / SUMMARY} is damaged", "evaluate again into another folder") from error
+
+
+def motion_file_name(episode: EpisodeKey) -> str:
+    """Name of the recorded motion of an episode, in the folder ``motions``."""
+    return f"{episode.task}-{episode.words}-{episode.episode}.npz"
+
+
 def compare_evaluations(first: Path, second: Path) -> PairedComparison:
     """Compare two policies on the episodes that both were evaluated on.
 
@@ -406,7 +419,7 @@ def _run_episode(key: EpisodeKey) -> tuple[EpisodeResult, list[float]]:
         outcome, detail = error.outcome, error.message
     except TimeoutError:
         outcome, detail = "timeout", f"no action within {job.order.timeout:g} s"
-    recording.save(job.out / MOTIONS / f"{key.task}-{key.words}-{key.episode}.npz")
+    recording.save(job.out / MOTIONS / motion_file_name(key))
     return watch.result(key, instance, instruction, outcome, detail[:500]), latencies
 
 

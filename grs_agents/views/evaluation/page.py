@@ -1,0 +1,164 @@
+"""An evaluation as a self-contained HTML page: success with intervals, and films of first successes and failures."""
+
+import base64
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Final
+
+from grs_agents.base.errors import GrsError
+from grs_agents.base.files import write_json
+from grs_agents.base.templates import load_template
+from grs_agents.base.trace.events import Rollout
+from grs_agents.tasks.suites.evaluation import (
+    MOTIONS,
+    EpisodeResult,
+    EvaluationSummary,
+    motion_file_name,
+    read_results,
+    read_summary,
+)
+from grs_agents.tasks.suites.statistics import Interval
+from grs_agents.tasks.suites.suite import Suite, open_suite_task, read_suite
+from grs_agents.views.film.rollout_film import (
+    RolloutShot,
+    Take,
+    draw_take_captions,
+    encode_animation,
+    make_film_take,
+    render_takes,
+)
+from grs_agents.views.report.page import POLICY
+
+_SIZE: Final = (400, 300)
+_RATE: Final = 8.0
+"""Frames per second of a film: legible, at some 150 KB."""
+_LONGEST: Final = 80
+"""Frames of a film; longer episodes are shown faster."""
+_WIDTH: Final = 320
+"""Pixels of a bar of 100 %."""
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A success rate as a bar with its interval; x in pixels."""
+
+    name: str
+    interval: Interval
+    text: str
+
+    @property
+    def mean(self) -> float:
+        """End of the bar."""
+        return _WIDTH * self.interval.mean
+
+    @property
+    def low(self) -> float:
+        """Lower end of the interval."""
+        return _WIDTH * self.interval.low
+
+    @property
+    def high(self) -> float:
+        """Upper end of the interval."""
+        return _WIDTH * self.interval.high
+
+
+@dataclass(frozen=True)
+class Film:
+    """An episode as an animation."""
+
+    url: str  # data URL; empty if it cannot be drawn
+    caption: str
+
+
+@dataclass(frozen=True)
+class TaskView:
+    """A task with its bar, words, and films of the first success and the first failure."""
+
+    bar: Bar
+    words: str
+    tags: tuple[str, ...]
+    films: tuple[Film, ...]
+
+
+def render_evaluation_page(suite_folder: Path, out: Path, show: Callable[[str], None] = lambda _: None) -> str:
+    """The page of the evaluation in ``out``, of the suite in ``suite_folder``. Raises InputError: either is none."""
+    suite, summary, results = read_suite(suite_folder), read_summary(out), read_results(out)
+    tasks = list(_describe_tasks(suite, suite_folder, summary, results, out, show))
+    groups = {"By tag": summary.by_tag, "By words": summary.by_words if len(summary.by_words) > 1 else {}}
+    return load_template(Path(__file__).with_name("page.html")).render(
+        policy=POLICY,
+        summary=summary,
+        total=_bar("all tasks", summary.success),
+        groups={
+            title: [_bar(name, interval) for name, interval in rows.items()] for title, rows in groups.items() if rows
+        },
+        tasks=tasks,
+        failures=[row for row in results if not row.success][:200],
+        width=_WIDTH,
+        style=Path(__file__).parents[1].joinpath("report", "style.css").read_text("utf-8"),
+    )
+
+
+def _bar(name: str, interval: Interval) -> Bar:
+    bounds = f"{interval.low:.0%} to {interval.high:.0%}"
+    return Bar(name, interval, f"{interval.mean:.0%} ({bounds}) of {interval.count}")
+
+
+def _describe_tasks(
+    suite: Suite,
+    suite_folder: Path,
+    summary: EvaluationSummary,
+    results: Sequence[EpisodeResult],
+    out: Path,
+    show: Callable[[str], None],
+) -> Iterator[TaskView]:
+    shown: list[EpisodeResult] = []  # the first success and the first failure of each task
+    for item in summary.tasks:
+        for success in (True, False):
+            rows = (row for row in results if row.task == item.task and row.success == success)
+            shown += [row] if (row := next(rows, None)) else []
+    show(f"{len(shown)} films")
+    films = dict(zip(shown, _draw_films(suite, suite_folder, shown, out), strict=True))
+    for item in summary.tasks:
+        words = ", ".join(dict.fromkeys(row.instruction for row in results if row.task == item.task))
+        own = tuple(film for row, film in films.items() if row.task == item.task)
+        yield TaskView(_bar(item.task, item.success), words, tuple(item.tags), own)
+
+
+def _draw_films(suite: Suite, suite_folder: Path, rows: Sequence[EpisodeResult], out: Path) -> list[Film]:
+    """Films of episodes from their recorded motions, drawn by a single process."""
+    takes = [_plan_take(suite, suite_folder, row, out) for row in rows]
+    films: list[Film] = []
+    try:
+        images = render_takes(takes) if takes else iter(())
+        for row, take in zip(rows, takes, strict=True):
+            frames = list(draw_take_captions(take, islice(images, len(take[1]))))
+            film = base64.b64encode(encode_animation(frames, _RATE, "webp")).decode()
+            films.append(Film(f"data:image/webp;base64,{film}", _caption(row)))
+    except GrsError as error:
+        films += [Film("", f"{_caption(row)} (no film: {error.message})") for row in rows[len(films) :]]
+    return films
+
+
+def _caption(row: EpisodeResult) -> str:
+    caption = f"{row.outcome.replace('_', ' ')}, instance {row.instance}, {row.seconds:.0f} s"
+    return f"{caption}: {row.detail}" if row.detail else caption
+
+
+def _plan_take(suite: Suite, suite_folder: Path, row: EpisodeResult, out: Path) -> Take:
+    """The shot and the frame times of an episode; its instance is written beside its motion."""
+    folder = open_suite_task(suite_folder, suite.task(row.task))
+    instance = f"instances/{row.task}-{row.instance}.json"
+    write_json(out / instance, folder.read_instance(row.instance).model_dump(mode="json"))
+    event = Rollout(
+        seed=row.instance,
+        reward=row.strict,
+        outcome=row.outcome,
+        steps=row.steps,
+        recording=f"{MOTIONS}/{motion_file_name(row)}",
+        instance=instance,
+    )
+    shot = RolloutShot(out.resolve(), event, folder.library, *_SIZE)
+    return make_film_take(shot, min(_RATE, _LONGEST / max(shot.recorded_motion.duration_seconds, 1.0)))
