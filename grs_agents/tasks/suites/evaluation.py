@@ -348,7 +348,7 @@ class _Job:
                     for name, source in layout.observation.items()
                 }
                 layout = layout.model_copy(update={"observation": renamed})
-            dof = get_arm(instance.robot).dof
+            dof = get_arm(instance.robot, instance.mounted_hand).dof
             if layout.joints is not None and layout.joints != dof:
                 raise InputError(
                     f"the layout is for an arm of {layout.joints} joints, the robot {instance.robot} has {dof}",

@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from hashlib import sha256
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, cast
 
 from pydantic import Field, ValidationError
 
@@ -44,6 +44,7 @@ class SuiteTask(Frozen):
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][\w.-]{0,99}$")]  # of its folder
     source: str  # name of the run's folder
     robot: str
+    hand: str  # see ``TaskInstance.hand``
     words: dict[Wording, str]  # instructions; ``default`` at least
     tags: tuple[Tag, ...]
     moves: int  # objects that the goals place
@@ -128,6 +129,7 @@ def make_suite(
                 name=task_name,
                 source=run.resolve().name,
                 robot=first.robot if Path(first.robot).suffix == "" else Path(first.robot).name,
+                hand=first.hand,
                 words=words,
                 tags=find_tags(first, words["default"]),
                 moves=len({number for goal in first.goals for number in goal.objects}),
@@ -201,16 +203,17 @@ def find_tags(instance: TaskInstance, words: str) -> tuple[Tag, ...]:
 
 
 def _read_words(source: TaskFolder) -> dict[Wording, str]:
-    """Instructions of a task: those of ``task.json``, else the sentences of its goals."""
+    """Instructions of a task: those of ``task.json``, else the sentence of its first instance."""
     specific = source.read_instance(source.seeds[0]).language
     file = source.path / "task.json"
     task = read_json(file, _REMEDY) if file.is_file() else {}
-    given: dict[str, Any] = task["words"] if isinstance(task.get("words"), dict) else {}
     words: dict[Wording, str] = {"default": str(task.get("task-description") or specific), "specific": specific}
+    given: dict[str, Any] = task["instructions"] if isinstance(task.get("instructions"), dict) else {}
     variants: tuple[Wording, ...] = ("vague", "default", "specific")
     for kind in variants:
-        if given.get(kind):
-            words[kind] = str(given[kind])
+        variant = given.get(kind)
+        if isinstance(variant, dict) and (text := cast("dict[str, Any]", variant).get("text")):
+            words[kind] = str(text)
     return words
 
 

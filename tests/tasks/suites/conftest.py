@@ -19,7 +19,9 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     for folder, seed in zip(folders, (0, 1), strict=True):
         write_json(folder / "instances" / f"seed_{seed}.json", block_instance(seed).model_dump(mode="json"))
     words = {"vague": "tidy up", "specific": "the block ends at the left; nothing else moves"}
-    write_json(folders[0] / "task.json", {"task-description": "Put the red block to the left.", "words": words})
+    instructions = {kind: {"text": text, "verdict": "agree", "by": "goals", "why": ""} for kind, text in words.items()}
+    task = {"task-description": "Put the red block to the left.", "instructions": instructions}
+    write_json(folders[0] / "task.json", task)
     return folders
 
 

@@ -19,7 +19,7 @@ def test_a_suite_lists_tasks_with_words_robot_and_solved_instances(suite_folder:
     suite = read_suite(suite_folder)
     assert [task.name for task in suite.tasks] == ["put-block-left", "put-block-left-2"]
     first, second = suite.tasks
-    assert (first.robot, first.moves, first.source, first.difficulty) == ("ur5e", 1, "near", None)
+    assert (first.robot, first.hand, first.moves, first.source) == ("ur5e", "suction", 1, "near")
     assert first.words == {
         "vague": "tidy up",
         "default": "Put the red block to the left.",
