@@ -126,7 +126,9 @@ class Agents:
                 except ReplyError as error:
                     problem = str(error)
                 messages.append(AIMessage(reply))
-            text = f"Your reply could not be used: {problem}. Reply again in exactly the form asked for."
+            text = (
+                f"Your reply could not be used: {problem}. Reply again, with all of it, in exactly the form asked for."
+            )
             if isinstance(messages[-1], HumanMessage):
                 messages.append(AIMessage("(no usable reply)"))
             messages.append(HumanMessage(text))

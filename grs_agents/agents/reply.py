@@ -23,6 +23,8 @@ _VERDICTS: dict[str, Verdict] = {
     "fix_tests": "fix_test",
     "fix_task": "fix_task",
 }
+_VERDICT = re.compile(r"\W*(?:verdict\W+)?(fix_(?:code|tests?|task))\W*", re.IGNORECASE)
+"""A verdict by itself, perhaps after the word."""
 _LONGEST = 2**20
 """Characters of a reply, thoughts included: some 250,000 tokens. Hostile text takes 3 s at most."""
 _MOST_PROBLEMS = 30
@@ -199,9 +201,14 @@ def parse_verdict(text: str) -> RouterReply:
     if text.lstrip().startswith("{"):
         return parse_json(text, RouterReply)
     blocks = list(_find_fenced_blocks(text))
-    verdicts = [word for block in blocks if (word := block.body.strip().strip("\"'`").lower()) in _VERDICTS]
+    verdicts = [found[1].lower() for block in blocks if (found := _VERDICT.fullmatch(block.body.strip()))]
     if not verdicts:
-        raise ReplyError("end with a fenced block that holds exactly one of the verdicts, e.g. fix_code or fix_test")
+        last = text.strip().rpartition("\n")[2]
+        if (found := _VERDICT.fullmatch(last)) is None:
+            raise ReplyError(
+                "end with a fenced block that holds exactly one of the verdicts, e.g. fix_code or fix_test"
+            )
+        return RouterReply(verdict=_VERDICTS[found[1].lower()], explanation=text.strip().removesuffix(last).strip())
     starts, ends = [block.start for block in blocks], [block.end for block in blocks]
     explanation = "".join(text[start:end] for start, end in zip([0, *ends], [*starts, len(text)], strict=True))
     return RouterReply(verdict=_VERDICTS[verdicts[-1]], explanation=explanation.strip())

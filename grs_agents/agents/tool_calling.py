@@ -85,7 +85,7 @@ def ask_with_tools(
         except GraphRecursionError:
             problem = f"it called what is no tool until its {limit['recursion_limit']} steps were used up"
             return NoReply(role=role, tries=tries, problem=problem)
-        words = f"Your reply could not be used: {problem}. Reply again in exactly the form asked for."
+        words = f"Your reply could not be used: {problem}. Reply again, with all of it, in exactly the form asked for."
         messages = [*messages, HumanMessage(words)]
     return NoReply(role=role, tries=tries, problem=problem)
 

@@ -329,10 +329,19 @@ class TaskDefinition(ModelReply):
         return self.as_json()[key]
 
 
+NOTHING_GIVEN_UP = "nothing was given up"
+
+
+def _read_given_up(value: Any) -> Any:
+    return value.strip() or NOTHING_GIVEN_UP if isinstance(value, str) else NOTHING_GIVEN_UP if value is None else value
+
+
 class TaskRevision(TaskDefinition):
     """A revised task, after the original could not be done or understood, and the part that was given up."""
 
-    given_up: str = Field(default="nothing was given up", alias="given-up", min_length=1, max_length=500)
+    given_up: Annotated[str, BeforeValidator(_read_given_up)] = Field(
+        default=NOTHING_GIVEN_UP, alias="given-up", max_length=500
+    )
 
     def as_definition(self) -> TaskDefinition:
         """The task alone."""

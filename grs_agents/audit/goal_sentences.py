@@ -50,13 +50,17 @@ class TaskInWords:
         )
 
 
+_PASSING: Final = " (not at the end: a later goal takes them on)"
+
+
 def describe_task_in_words(
     instance: TaskInstance, rollout: Rollout, library: Library, scene: SceneDescription | None = None
 ) -> TaskInWords:
     """Describe an instance and the trusted oracle's episode; ``scene`` provides the photo's descriptions of objects."""
     table = _Table(TableState(instance, library, rollout.initial, rollout.final), rollout, scene)
+    passing = {number for number, goal in enumerate(rollout.episode.goals, 1) if goal.met and goal.shortfalls}
     goals = [
-        f"{number}. {words}"
+        f"{number}. {words}{_PASSING * (number in passing)}"
         for number, goal in enumerate(instance.goals, 1)
         for words in table.list_goal_sentences(goal)
     ]

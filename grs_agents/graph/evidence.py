@@ -130,7 +130,8 @@ def _episode_lines(episode: Episode) -> Iterator[str]:
     goals: list[str] = []
     for goal in episode.goals:
         row = f"worth {goal.worth:.2f}, published {goal.published:.2f}, strict {goal.strict:.2f}: {goal.goal}"
-        goals.append(f"{row}; misses: {'; '.join(goal.shortfalls[:CLAUSES])}" if goal.shortfalls else row)
+        verb = "no longer" if goal.met else "misses"  # a later goal may move its objects on
+        goals.append(f"{row}; {verb}: {'; '.join(goal.shortfalls[:CLAUSES])}" if goal.shortfalls else row)
     actions = [
         f"{number}. {action.asset} #{action.object} {_point(action.pick)} -> {_point(action.place)}: {action.note}"
         for number, action in enumerate(episode.actions, 1)

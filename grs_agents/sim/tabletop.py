@@ -295,7 +295,10 @@ class TabletopSim:
         if item is None:
             ids = ", ".join(map(str, list(self._objects)[:20])) or "none yet"
             more = ", ..." if len(self._objects) > 20 else ""
-            raise SimulationError(f"there is no object {obj!r}"[:150], f"use one of the ids {ids}{more}")
+            remedy = f"use one of the ids {ids}{more}"
+            if isinstance(obj, list | tuple):
+                remedy = "give a single id: env.find(asset) is a list of them, so env.find(asset)[0]"
+            raise SimulationError(f"there is no object {obj!r}"[:150], remedy)
         return item
 
     def object_model(self, obj: int) -> ObjectModel:

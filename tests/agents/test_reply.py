@@ -373,13 +373,14 @@ def test_what_the_parser_cannot_hold_is_no_bare_program(deep: str) -> None:
         ("Code.\r\n```\r\nfix_code\r\n```\r\n", "fix_code"),
         ("Code.\n```fix_code```", "fix_code"),
         ("Code.\n```\nFIX_CODE", "fix_code"),
+        ("fix_code", "fix_code"),
     ],
 )
 def test_verdicts(text: str, verdict: str) -> None:
     assert parse_verdict(text).verdict == verdict
 
 
-@pytest.mark.parametrize("text", ["fix_code", "```\nmaybe\n```", "```\nfix_code or fix_test\n```", ""])
+@pytest.mark.parametrize("text", ["fix_code or fix_test", "```\nmaybe\n```", "```\nfix_code or fix_test\n```", ""])
 def test_no_verdict(text: str) -> None:
     with pytest.raises(ReplyError, match="fix_code or fix_test"):
         parse_verdict(text)
@@ -435,3 +436,21 @@ def test_json_is_read_as_it_was_written(reason: str, odd: str) -> None:
     said = {"match": "no_asset", "reason": reason + odd}
     assert parse_json(f"```json\n{json.dumps(said)}\n```", Match).reason == reason + odd
     assert parse_json(f"{json.dumps(said)[:-1]},}}", Match).reason == reason + odd
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "It fails.\n```\nverdict: fix_code\n```",
+        "It fails.\n\n**Verdict:** fix_code",
+        "It fails.\n```\nVerdict = `fix_code`.\n```",
+    ],
+)
+def test_a_verdict_is_read_where_it_stands_by_itself(text: str) -> None:
+    reply = parse_verdict(text)
+    assert (reply.verdict, reply.explanation) == ("fix_code", "It fails.")
+
+
+def test_a_verdict_within_a_sentence_is_none() -> None:
+    with pytest.raises(ReplyError, match="exactly one of the verdicts"):
+        parse_verdict("I would say fix_code here.")

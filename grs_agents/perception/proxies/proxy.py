@@ -191,6 +191,7 @@ def write_scaled_asset(root: Path, slug: str, name: str, library: Library, facto
 
     size, mass = to_vec3((factor * np.array(asset.size)).round(5)), round(asset.mass * factor**3, 4)
     update = {"name": f"scaled/{slug}.urdf", "size": size, "mass": mass, "everyday": False, "physics": None}
+    update |= {"fixture": False, "description": f"{asset.description} (its size times {factor:.2f})"}
     scaled = asset.model_copy(update={**update, "origin": None})
     visuals, colliders = ([scale(shape) for shape in shapes] for shapes in (model.visuals, model.colliders))
     inertia = box_inertia(size, mass)
