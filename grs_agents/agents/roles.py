@@ -1,5 +1,4 @@
-"""The eight agents of the paper, the grouper of segments, the reviser of a task and its judge: inputs, pictures and
-parsers of each.
+"""Inputs, pictures and parsers of the agents: the eight of the paper, grouper of segments, reviser and judge of a task.
 
 Following the paper, the scene image goes to the describer, matcher, task author, simulation author and code fixer
 (vision-language models), not to the test author and test fixer (language models). The router and the fixers of program
@@ -318,11 +317,11 @@ class WordsEvidence:
     """Inputs of the judge, measured by trusted code but for ``words`` and ``other_texts``."""
 
     words: str  # the task's description
-    sentence: str  # that the goals come to
+    sentence: str  # made of the goals
     other_texts: Sequence[str]  # the task's name, and the program's sentences for its goals, a line each
     objects: Sequence[Json]  # with their motion in the episode
     goals: Sequence[str]  # a sentence for each
-    notes: Sequence[str] = ()  # what stays if the words speak of all, and directions of the robot's sides, a line each
+    notes: Sequence[str] = ()  # objects left alone where the words speak of all, and directions of the robot's sides
     pictures: Sequence[str] = ()  # the table at the start and at the end, or none
 
 

@@ -286,7 +286,7 @@ class Match(ModelReply):
 
     match: Literal["asset", "no_asset", "no_object"]
     asset: Annotated[str | None, BeforeValidator(_read_null_word)] = None
-    confidence: Annotated[float | None, BeforeValidator(_read_share)] = None  # that the reply is right, 0..1
+    confidence: Annotated[float | None, BeforeValidator(_read_share)] = None  # probability of the reply, 0..1
     reason: Annotated[str, BeforeValidator(_read_reason)] = ""
 
 

@@ -43,7 +43,7 @@ class Change(Frozen):
     photo: Vec3 | None  # nearest position of the asset in the photo, if it shows the asset
     distance: float | None  # metres between the two in the table plane, if the photo shows the asset
     turned: float | None = None  # degrees between the two orientations, if the photo shows the asset
-    wanted: Pose | None = None  # that the authors are given (m, robot frame), if the photo shows the asset
+    wanted: Pose | None = None  # pose in the authors' prompt (m, robot frame), if the photo shows the asset
     reason: str = ""  # measured reason to leave the photo's pose; empty if there is none
 
 
@@ -76,7 +76,7 @@ class AuditReport(Frozen):
     rewards: tuple[float, ...]  # the reward of each rollout
     about: str = ""  # scope of the verdict, a sentence or two
     unforeseen_seeds: tuple[int, ...] = ()  # more that were audited; they follow from the text of the programs
-    # what the goals ask for in words of trusted code, of the first seed; empty if a check before it fails
+    # statement of the goals by trusted code, of the first seed; empty if a check before it fails
     sentence: str = ""
     vague: str = ""  # the same without names of single objects
     words: JudgedWords | None = None  # on the task's description; None if there is none, or a check before it fails

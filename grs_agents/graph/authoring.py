@@ -28,6 +28,7 @@ from grs_agents.graph.services import Services, Update, logged_node
 from grs_agents.graph.state import Draft, ProgramName, Revision, RunState
 from grs_agents.graph.task_instances import AuditedPrograms
 from grs_agents.sim import api_reference
+from grs_agents.sim.cliport.api_documentation import Reader
 from grs_agents.sim.instance.task_instance import TaskInstance
 
 Author = Literal["simulation", "rival"]
@@ -134,7 +135,7 @@ def write_simulation(
     nearest = examples.select_nearest_examples(programs, task, EXAMPLES, services.config.seed)
     shown = "\n\n\n".join(example.source for example in nearest)
     images = images_from_state(state)
-    api = api_reference("program", f"{task.name}\n{task.description}\n{shown}")
+    api = describe_api(services, "program", f"{task.name}\n{task.description}\n{shown}")
     return roles.author_simulation(services.agents, task, scene, api, shown, images, role, calling)
 
 
@@ -149,7 +150,12 @@ def generate_tests(state: RunState, services: Services) -> Update:
 
 def write_tests(state: RunState, services: Services) -> str | NoReply:
     """Ask the author of the tests for them."""
-    return roles.author_tests(services.agents, state["task"], state["simulation"], api_reference("tests"))
+    return roles.author_tests(services.agents, state["task"], state["simulation"], describe_api(services, "tests"))
+
+
+def describe_api(services: Services, reader: Reader, about: str | None = None) -> str:
+    """The API reference for a prompt, with the robot and the hand of the run."""
+    return api_reference(reader, about, services.robot_name_or_path, services.config.hand)
 
 
 def images_from_state(state: RunState) -> list[str]:

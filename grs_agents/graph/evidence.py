@@ -44,7 +44,7 @@ def render_evidence(
     """The evidence about a pair of programs as text."""
     static = [f"{finding.program} line {finding.line}: {finding.kind}: {finding.message}" for finding in findings]
     sections = [["== static checks", *static] if static else [], _tests_section(report)]
-    named: dict[str, list[str]] = {}  # where each episode was run, those of failed tests first
+    named: dict[str, list[str]] = {}  # tests and seeds by the text of their episode, failed tests first
     for case in sorted(report.cases if report else (), key=lambda case: case.outcome == "passed"):
         if (episode := read_episode(case.episode)) is not None:
             hook = f"{case.episode_hook} of " if case.episode_hook not in ("", "test") else ""

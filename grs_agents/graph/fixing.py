@@ -5,6 +5,7 @@ from grs_agents.agents.roles import JudgedPrograms
 from grs_agents.agents.types import NoReply
 from grs_agents.base.trace.events import Note
 from grs_agents.graph.authoring import (
+    describe_api,
     find_equal_version,
     images_from_state,
     save_program_version,
@@ -17,7 +18,6 @@ from grs_agents.graph.fix_history import describe_fix_history, list_untried_fix_
 from grs_agents.graph.scene_prompt import fixture_assets_for_prompt, scene_for_prompt
 from grs_agents.graph.services import Services, Update, logged_node
 from grs_agents.graph.state import ProgramName, Revision, RunState, Strategy
-from grs_agents.sim import api_reference
 
 
 def collect_evidence_for_fixer(state: RunState, services: Services, role: str) -> JudgedPrograms:
@@ -47,7 +47,7 @@ def fix_code(state: RunState, services: Services) -> Update:
         source = write_simulation(state, services)
     else:
         judged = collect_evidence_for_fixer(state, services, "fix_code")
-        api = api_reference("program", f"{judged.task.name}\n{judged.task.description}\n{judged.code}")
+        api = describe_api(services, "program", f"{judged.task.name}\n{judged.task.description}\n{judged.code}")
         source = roles.fix_code(services.agents, judged, api)
     return _record_fix_and_save_program(state, services, "simulation", strategy, source)
 
@@ -60,7 +60,7 @@ def fix_tests(state: RunState, services: Services) -> Update:
         source = write_tests(state, services)
     else:
         source = roles.fix_tests(
-            services.agents, collect_evidence_for_fixer(state, services, "fix_tests"), api_reference("tests")
+            services.agents, collect_evidence_for_fixer(state, services, "fix_tests"), describe_api(services, "tests")
         )
     return _record_fix_and_save_program(state, services, "tests", strategy, source)
 

@@ -141,7 +141,7 @@ def read_photo_into_run(state: RunState, services: Services) -> Update:
         if frame.camera.T_robot_cam is None:
             doubts = ["camera.json: joints is not used: where the robot is seen is not known without T_robot_cam"]
     if frame.camera.arm_is_known:
-        arm = render_robot_depth(frame, services.robot_name_or_path, services.library)
+        arm = render_robot_depth(frame, services.robot_name_or_path, services.library, services.config.hand)
         if np.isfinite(arm).any():
             table = find_table_in_frame(frame, np.random.default_rng(config.seed), config.scene.table)
             stray = measure_stray_light(frame, table, arm)  # that the arm scatters into the sensor
@@ -185,7 +185,7 @@ def segment_photo(state: RunState, services: Services) -> Update:
     (frame, table), config = _load_photo_and_table(state, services), services.config
     if config.tools.segment != ToolsConfig().segment:  # another tool may read masks beside the photo
         _require_scene_of_user(frame.source, services)
-    robot = robot_pixel_mask(frame, services.robot_name_or_path, services.library)
+    robot = robot_pixel_mask(frame, services.robot_name_or_path, services.library, services.config.hand)
     # Settings at their default are left out, so that a tool need not have fields for them.
     settings = {"model": None, **config.segment.model_dump(exclude_defaults=True)}
     tool_notes: list[str] = []

@@ -240,8 +240,8 @@ def _scale_to_measured_size(item: TableObject, mask: Mask, photo: Photo, service
     scaled = write_scaled_asset(services.folder / "assets", placed.name, placed.asset, library, factor)
     registered = register_asset(scaled.name, services.library, measured, *photo, mask)
     evidence = f"{placed.evidence}; {placed.asset} is scaled by {factor:.2f} to the measured size"
-    found = set_registered_pose(item.place(asset=scaled.name, evidence=evidence), registered)
-    return None if describe_size_mismatch(found, services) else found
+    fitted = set_registered_pose(item.place(asset=scaled.name, evidence=evidence), registered)
+    return None if describe_size_mismatch(fitted, services) else fitted
 
 
 def raise_confidence_of_fit(item: TableObject) -> TableObject:

@@ -116,9 +116,9 @@ class Services:
         """Refuse a robot that cannot be used before anything is spent on the run."""
         if self.robot_name_or_path not in ROBOTS:
             try:
-                get_arm(self.robot_name_or_path)
+                get_arm(self.robot_name_or_path, self.config.hand)
             except InputError:
-                get_arm(str(Path(self.config.robot).resolve()))  # which names the user's own file
+                get_arm(str(Path(self.config.robot).resolve()), self.config.hand)  # which names the user's own file
                 raise
 
     def render_instance(self, instance: TaskInstance, output: Path, **view: Any) -> Any:

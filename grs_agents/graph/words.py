@@ -45,19 +45,19 @@ def state_and_judge_words(
     if not pairs:
         return report
     sentences: list[TaskSentence] = []
-    told: dict[tuple[object, ...], tuple[TaskInstance, Rollout, TaskInWords, TaskSentence]] = {}
+    kinds: dict[tuple[object, ...], tuple[TaskInstance, Rollout, TaskInWords, TaskSentence]] = {}
     for instance, rollout in pairs:
         sentence = describe_task(instance, services.library, rollout.initial, rollout.final)
         sentences.append(sentence)
         if (services.folder / f"instances/seed_{instance.seed}.json").is_file():
             write_instance(instance.model_copy(update={"instruction": sentence.specific}), services)
         facts = describe_task_in_words(instance, rollout, services.library, audited.scene)
-        told.setdefault(facts.kind, (instance, rollout, facts, sentence))
+        kinds.setdefault(facts.kind, (instance, rollout, facts, sentence))
     report = report.model_copy(update={"sentence": sentences[0].specific, "vague": sentences[0].vague})
     if audited.task is None:
         return report
     judged: list[JudgedWords] = []
-    for instance, rollout, facts, sentence in told.values():
+    for instance, rollout, facts, sentence in kinds.values():
         judged.append(_judge_words(audited, instance, rollout, facts, sentence.specific, services))
         if judged[-1].verdict != "agree":
             break
@@ -112,8 +112,8 @@ def _judge_words(
     verdicts = [_read_judgement(reply, judge) for reply in (first, second)]
     if verdicts[0].verdict == verdicts[1].verdict:
         return verdicts[0]
-    told = " and ".join(f"{judged.verdict} ({judged.why})" for judged in verdicts)
-    return JudgedWords(verdict="not_judged", by=judge, why=f"asked twice, it answered {told}")
+    answers = " and ".join(f"{judged.verdict} ({judged.why})" for judged in verdicts)
+    return JudgedWords(verdict="not_judged", by=judge, why=f"asked twice, it answered {answers}")
 
 
 def _read_judgement(reply: WordsJudgement | NoReply, judge: str) -> JudgedWords:

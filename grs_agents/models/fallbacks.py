@@ -30,7 +30,7 @@ class DelegatingChatModel(BaseChatModel):
         callbacks: Callbacks | list[Callbacks] | None = None,
         **kwargs: Any,
     ) -> LLMResult:
-        """As the base class, without callbacks."""
+        """Call the base class without callbacks."""
         return super().generate_prompt(prompts, stop, None, **kwargs)
 
 

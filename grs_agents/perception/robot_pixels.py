@@ -10,6 +10,7 @@ from grs_agents.library.library import Library
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.types import Array, Mask, RGBDFrame
 from grs_agents.sim.arms.registry import get_arm
+from grs_agents.sim.hands.registry import DEFAULT_HAND
 from grs_agents.sim.rendering.cameras import VisibleScene
 from grs_agents.sim.rendering.pictures import render_along_rays
 
@@ -37,18 +38,18 @@ def require_joints_within_limits(joints: Sequence[float], robot: str) -> None:
             )
 
 
-def render_robot_depth(frame: RGBDFrame, robot: str, library: Library) -> Array:
+def render_robot_depth(frame: RGBDFrame, robot: str, library: Library, hand: str = DEFAULT_HAND) -> Array:
     """(H, W) depth, m, of an arm alone, by name or path, at the joints of the frame's camera; infinite beside it, and
     everywhere without calibration or joints.
 
     Raises:
         InputError: the arm cannot be at these joints.
     """
-    seen, _ = _render_arm_depth(frame, robot, library)
+    seen, _ = _render_arm_depth(frame, robot, library, hand)
     return _enlarge(seen, frame)
 
 
-def robot_pixel_mask(frame: RGBDFrame, robot: str, library: Library) -> Mask:
+def robot_pixel_mask(frame: RGBDFrame, robot: str, library: Library, hand: str = DEFAULT_HAND) -> Mask:
     """(H, W) pixels that show an arm, by name or path, at the joints of the frame's camera.
 
     These are the pixels whose point lies within a margin of the rendered arm. The margin grows with the measured error
@@ -59,7 +60,7 @@ def robot_pixel_mask(frame: RGBDFrame, robot: str, library: Library) -> Mask:
     """
     if not frame.camera.arm_is_known:
         return np.zeros(frame.depth.shape, np.bool_)
-    seen, step = _render_arm_depth(frame, robot, library)
+    seen, step = _render_arm_depth(frame, robot, library, hand)
     on_arm = np.isfinite(_enlarge(seen, frame)) & (frame.depth <= 0)
     if not np.isfinite(seen).any():
         return np.asarray(on_arm, np.bool_)
@@ -92,7 +93,7 @@ def _enlarge(cells: Array, frame: RGBDFrame) -> Array:
     return np.asarray(cv2.resize(cells, size, interpolation=cv2.INTER_NEAREST), np.float64)
 
 
-def _render_arm_depth(frame: RGBDFrame, robot: str, library: Library) -> tuple[Array, int]:
+def _render_arm_depth(frame: RGBDFrame, robot: str, library: Library, hand: str) -> tuple[Array, int]:
     """(h, w) depth (m) of the arm alone, infinite beside it, and the spacing of the rays in pixels."""
     camera, step = frame.camera, max(1, round((frame.depth.size / CONFIG.rays) ** 0.5))
     columns, rows = np.meshgrid(
@@ -105,6 +106,6 @@ def _render_arm_depth(frame: RGBDFrame, robot: str, library: Library) -> tuple[A
     joints, pose = np.asarray(camera.joints, np.float64), np.asarray(camera.T_robot_cam, np.float64)
     local = np.stack([(columns - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy, np.ones(rows.shape)], axis=-1)
     rays = np.asarray(local @ pose[:3, :3].T, np.float64)
-    picture = render_along_rays(VisibleScene((), library, joints, get_arm(robot)), pose[:3, 3].copy(), rays)
+    picture = render_along_rays(VisibleScene((), library, joints, get_arm(robot, hand)), pose[:3, 3].copy(), rays)
     height = pose[2, 3] + picture.depth * rays[..., 2]
     return np.where((picture.depth > 0) & (height > CONFIG.over_table), picture.depth, np.inf).astype(np.float64), step

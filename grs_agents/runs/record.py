@@ -49,7 +49,7 @@ class RunRecord(Frozen):
     counts: dict[str, Count] = Field(default_factory=dict)  # objects, fixes, model calls, tokens
     # US dollars of all model calls; `None` if a price is unknown
     cost: float | None = Field(default=None, ge=0, le=MOST_TOTAL, allow_inf_nan=False)
-    # what the goals ask for, in words of GRS, and the verdict on the author's words; none where the audit failed
+    # statement of the goals by GRS, and verdict on the author's words; none where the audit failed
     sentence: str = ""
     words: JudgedWords | None = None
     rewards: tuple[Number, ...] = ()  # the trusted oracle's reward for each seed

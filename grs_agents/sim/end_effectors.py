@@ -31,7 +31,7 @@ class ActionEffect:
 
 @dataclass(frozen=True)
 class Grasps:
-    """Poses of the tip that take an object, best first, or why there are none."""
+    """Poses of the tip that take an object, best first, or the reason for none."""
 
     poses: tuple[Pose, ...]
     hindered_by: tuple[int, ...] = ()  # ids of the objects in the way of all, most frequent first
@@ -112,7 +112,7 @@ class SuctionCup:
     def find_grasps_for_place(
         self, physics: Physics, number: int, grasps: Grasps, carry: Callable[[Pose], Pose]
     ) -> Grasps:
-        """The same: a cup is above what it holds."""
+        """The given grasps: a cup is above the object that it holds."""
         del physics, number, carry
         return grasps
 
@@ -163,7 +163,7 @@ class TwoFingers:
     def find_grasps_for_place(
         self, physics: Physics, number: int, grasps: Grasps, carry: Callable[[Pose], Pose]
     ) -> Grasps:
-        """Those that leave the fingers room to open at the place, and to draw back."""
+        """Antipodal grasps with room at the place, too, for the fingers to open and draw back."""
         del grasps
         return self._find_grasps(physics, number, carry)
 

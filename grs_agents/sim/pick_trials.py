@@ -12,7 +12,7 @@ from grs_agents.sim.tabletop import TabletopSim
 from grs_agents.sim.world.footprints import margins_inside_outline
 
 _LIFT: Final = 0.1
-"""Height of a trial lift, metres: objects too heavy, or held beside their middle, tip off the cup on the way up."""
+"""Height of a trial lift, metres: objects too heavy, or held beside their middle, leave the hand on the way up."""
 
 
 def explain_unpickable_objects(sim: TabletopSim, task: ScoredTask) -> dict[int, str]:

@@ -314,6 +314,9 @@ LOST = ActionRecord(
     reward=0,
     note="HOPE/Tuna.urdf (0.98 kg) tipped off the cup: 0.27 N m bent it, it bears 0.15 N m",
 )
+SLIPPED = LOST.model_copy(
+    update={"note": "HOPE/Tuna.urdf (2.5 kg) slipped from between the fingers, which press with 40 N"}
+)
 
 
 @pytest.mark.parametrize(
@@ -322,6 +325,8 @@ LOST = ActionRecord(
         ("dropped", {"actions": (LOST,)}, STARTS["HOPE/Tuna.urdf"], "fix_task"),
         ("step_limit", {"actions": (LOST,)}, STARTS["HOPE/Tuna.urdf"], "fix_task"),
         ("no_seal", {"objects": ("HOPE/Tuna.urdf",)}, STARTS["HOPE/Tuna.urdf"], "fix_task"),
+        ("no_grip", {"objects": ("HOPE/Tuna.urdf",)}, STARTS["HOPE/Tuna.urdf"], "fix_task"),
+        ("dropped", {"actions": (SLIPPED,)}, STARTS["HOPE/Tuna.urdf"], "fix_task"),
         ("unreachable", {"objects": ("HOPE/Tuna.urdf",)}, STARTS["HOPE/Tuna.urdf"], "fix_code"),
         ("dropped", {"actions": (LOST,)}, (0.55, -0.24, 0.017), "fix_code"),
         ("no_seal", {"objects": ("HOPE/Tuna.urdf",)}, (0.62, -0.24, 0.037), "fix_code"),

@@ -17,7 +17,7 @@ from grs_agents.perception.object_finding import (
     separate_scenery_from_objects,
     unite_mask_with_candidates,
 )
-from grs_agents.perception.robot_pixels import require_joints_within_limits, robot_pixel_mask
+from grs_agents.perception.robot_pixels import render_robot_depth, require_joints_within_limits, robot_pixel_mask
 from grs_agents.perception.segmentation.candidates import measure_candidates
 from grs_agents.perception.segmentation.segmentation import segment_objects_on_table
 from grs_agents.perception.table_finding import find_table, robot_frame_point_map
@@ -43,6 +43,13 @@ def photo_of_arm(joints: tuple[float, ...] | None) -> tuple[RGBDFrame, np.ndarra
     on_arm &= (drawn.depth < frame.depth) | (frame.depth <= 0)
     depth = np.where(on_arm, drawn.depth, frame.depth).astype(np.float32)
     return RGBDFrame(frame.rgb, depth, camera, Path("arm")), on_arm
+
+
+def test_the_hand_of_the_run_is_seen_on_the_arm() -> None:
+    frame, _ = photo_of_arm(HOME)
+    cup, fingers = (render_robot_depth(frame, "ur5e", Library(), hand) for hand in ("suction", "franka_hand"))
+    cup, fingers = np.isfinite(cup), np.isfinite(fingers)
+    assert (fingers & ~cup).any() and (cup & ~fingers).any()
 
 
 def test_the_arm_is_seen_where_its_joints_put_it() -> None:

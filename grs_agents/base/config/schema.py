@@ -65,7 +65,7 @@ class ModelChoice(Frozen):
     # seconds for a reply, from the first request to its last byte, including retries and the waits between them
     timeout: float = Field(default=300.0, gt=0)
     max_tokens: int | None = Field(default=None, gt=0)  # the longest reply
-    concurrency: int = Field(default=8, ge=1, le=64)  # segments it is asked about at once
+    concurrency: int = Field(default=8, ge=1, le=64)  # calls under way at once
     # ask for JSON by a schema (`with_structured_output`) until the provider refuses it; `off`: by the prompt alone
     structured: Literal["auto", "off"] = "auto"
     # send it pictures; `auto`: unless LangChain's profile of the model says that it reads none

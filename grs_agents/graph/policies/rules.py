@@ -244,9 +244,9 @@ def _decide_by_task_words(evidence: _Evidence) -> RoutingDecision | None:
         return _blame_program(fault)
     if not evidence.failed:
         return None
-    own = check_program(evidence.context.simulation)
-    if not own.passed:
-        return _blame_program(own.detail, sure=False)
+    overrides = check_program(evidence.context.simulation)
+    if not overrides.passed:
+        return _blame_program(overrides.detail, sure=False)
     if evidence.solved is None:
         return None
     if unmet := evidence.words.find_violations(evidence.solved.motions):

@@ -65,7 +65,7 @@ class Policy(Protocol):
 
 
 def are_words_unclear(finding: AuditFinding) -> bool:
-    """Whether a finding is that nobody can tell what the words ask for, which no program changes."""
+    """True for a finding that the words could not be judged, which no program changes."""
     return finding.check == "words" and not finding.passed and not finding.measured.startswith("differ,")
 
 

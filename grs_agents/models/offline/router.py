@@ -45,7 +45,7 @@ class OracleEpisode:
     strict: float  # score at the end, 0..1
     detail: str  # the sentence that explains it
     objects: tuple[str, ...]  # asset names concerned
-    physics: str  # how the arm failed to hold an object; empty if it did not
+    physics: str  # failure of the arm to hold an object; empty without one
     moved: tuple[str, ...]  # asset names of the moved objects
 
     @property

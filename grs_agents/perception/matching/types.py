@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from grs_agents.perception.types import Mask, MatchEvidence, RGBDFrame, Shown, TableFrame, UprightBox
 
@@ -47,9 +46,3 @@ class MatchResult:
 
     matches: dict[int, MatchEvidence]  # for each segment, by its number
     notes: tuple[str, ...] = ()  # for a reader of the scene
-
-
-def require_match_request(request: Any) -> MatchRequest:
-    """Narrow the type of a match tool's request."""
-    assert isinstance(request, MatchRequest)
-    return request

@@ -2,17 +2,18 @@
 
 import inspect
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Literal
 
-from grs_agents.sim.arms.registry import get_arm
+from grs_agents.sim.arms.registry import DEFAULT, get_arm
 from grs_agents.sim.cliport import pybullet, utils
 from grs_agents.sim.cliport.environment import Environment
 from grs_agents.sim.cliport.task import Task
 from grs_agents.sim.expert.oracle import Oracle
+from grs_agents.sim.hands.hand import Tool
+from grs_agents.sim.hands.registry import DEFAULT_HAND, get_hand
 from grs_agents.sim.instance import goal
 from grs_agents.sim.world.colors import COLORS
-from grs_agents.sim.world.context import PROCESS_CONTEXT
 
 _TASK = (
     "additional_reset",
@@ -37,19 +38,24 @@ _RARE = {
     "make_ropes": re.compile(r"make_ropes|\b(ropes?|cords?|cables?|strings?|threads?|laces?|beads?)\b", re.IGNORECASE),
 }
 """Names for few tasks, each with the words of a task, or the name in a program, that call for it."""
+_HOLDS_BY: Mapping[Tool, str] = {"suction": "suction", "fingers": "two fingers"}
 
 Reader = Literal["program", "tests"]
 
 
-def api_reference(reader: Reader = "program", about: str | None = None) -> str:
+def api_reference(
+    reader: Reader = "program", about: str | None = None, robot: str = DEFAULT, hand: str = DEFAULT_HAND
+) -> str:
     """Markdown on ``Task``, ``Environment``, the oracle, ``utils`` and ``p``, as far as the reader needs it.
 
     Args:
         reader: author of programs or of tests.
         about: words of the task, and programs; piles and ropes are left out unless it mentions them. All is in for
             None.
+        robot: ``"ur5e"``, ``"panda"`` or the path of an MJCF file.
+        hand: name of the hand at its flange.
     """
-    arm = get_arm(PROCESS_CONTEXT.robot)
+    arm, held_by = get_arm(robot, hand), _HOLDS_BY[get_hand(hand).tool]
     lines = [
         "```python",
         "from grs_agents.sim import Task, Environment, utils, p",
@@ -58,7 +64,7 @@ def api_reference(reader: Reader = "program", about: str | None = None) -> str:
         "```",
         "Metres, radians; robot base at the origin, x forward, y left, z up, table top z = 0. A pose is "
         "`((x, y, z), (qx, qy, qz, qw))` of the centre of an object's bounding box.",
-        f"The arm picks from above with suction between {arm.nearest:.2f} m and {arm.farthest:.2f} m from its base; "
+        f"The arm picks from above with {held_by} between {arm.nearest:.2f} m and {arm.farthest:.2f} m from its base; "
         "random places lie in x 0.25..0.75, y -0.5..0.5.",
         "",
         "### Task",

@@ -191,7 +191,7 @@ class Environment(TabletopSim):
         """Pick and place once, or push once if that is the task's primitive, then score.
 
         Args:
-            action: ``{'pose0': pick pose, 'pose1': place pose}`` of the suction cup's tip, or the poses from and
+            action: ``{'pose0': pick pose, 'pose1': place pose}`` of the tip of the hand, or the poses from and
                 towards which to push; None to wait.
 
         Returns:
@@ -251,7 +251,7 @@ class Environment(TabletopSim):
         return ActionSpace(self.bounds[:, 0], self.bounds[:, 1])
 
     def solve_ik(self, pose: Any) -> FloatArray:
-        """Joint positions (dof,), near the present ones, that bring the cup's tip to a pose.
+        """Joint positions (dof,), near the present ones, that bring the tip to a pose.
 
         The pose is a position (m) and how the tool is turned (xyzw) from pointing straight down; it may tilt. Raises
         ``UnreachableError`` where limits, the table or the arm itself are in the way.
@@ -308,7 +308,7 @@ class Environment(TabletopSim):
         return bool(np.abs(physics.joint_positions - target).max() > _REACHED)
 
     def movep(self, pose: Any, speed: float = 0.01) -> bool:
-        """Move the cup's tip to a pose; returns whether it failed to arrive, as ``movej``."""
+        """Move the tip to a pose; returns whether it failed to arrive, as ``movej``."""
         return self.movej(self.solve_ik(pose), speed)
 
     def render_camera(

@@ -65,7 +65,7 @@ class Planner:
     def choose_target(self, goal: Goal, row: int, task: ScoredTask, scene: PlanningScene, lift: float) -> Target:
         """Target of the object of a row of a goal, or the reason for none; it may share a zone with later goals.
 
-        ``lift`` is from the object's lowest point to the cup that holds it, metres.
+        ``lift`` is from the object's lowest point to the tip that holds it, metres.
         """
         if goal.relation is not None:
             return self._relations.choose_target(goal, row, task, scene, lift)

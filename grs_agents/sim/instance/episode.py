@@ -34,8 +34,8 @@ Outcome = Literal[
 
 _WELL: Final = ("placed", "pushed")
 """Notes of successful primitives."""
-_LOST: Final = re.compile(r"(?:tipped|slipped) off the cup(?!.* as it hit )")
-"""Notes of actions in which the cup lost an object by its weight alone."""
+_LOST: Final = re.compile(r"(?:(?:tipped|slipped) off the cup|slipped from between the fingers)(?!.* as it hit )")
+"""Notes of actions in which the hand lost an object by its weight alone."""
 
 
 class SimulationError(GrsError):
@@ -136,8 +136,8 @@ class Episode(Frozen):
 
     @property
     def arm_failure(self) -> tuple[str, str]:
-        """The asset that the cup cannot hold, by its weight or its surface, and how that shows; empty without one."""
-        if self.outcome in ("no_seal", "would_tip"):
+        """Asset that the hand cannot hold, by its weight or shape, and the evidence; both empty without one."""
+        if self.outcome in ("no_seal", "would_tip", "no_grip"):
             return "".join(self.objects[:1]), self.detail
         lost = [action for action in self.actions if _LOST.search(action.note)]
         return (lost[-1].asset, lost[-1].note) if lost and self.outcome not in ("success", "stopped") else ("", "")

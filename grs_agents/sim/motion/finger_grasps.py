@@ -63,11 +63,11 @@ _BACK: Final = (0.0, 0.012, 0.025, 0.045, 0.07, 0.1)
 RETREAT: Final = _BACK[-1]
 """Length of the straight approach and of the retreat along the hand, metres."""
 RELEASE: Final = 0.008
-"""How far each pad opens from a released object, metres."""
+"""Opening of each pad from a released object, metres."""
 _LIFTED: Final = np.array([0.0, 0.0, MARGIN])
 """Shift of a hand at a place, metres: the support below it is nearer than the margin."""
 _NEARLY: Final = 0.9998
-"""As ``_STRAIGHT``, for what a thing that leans by a degree asks for."""
+"""``_STRAIGHT`` for the faces of an object that leans by a degree."""
 _FEW: Final = 3
 """Fewest points of a convex part between the pads that count."""
 _GAP: Final = 0.004
@@ -306,7 +306,7 @@ def _search_candidates(
                         continue
                     level = axes @ np.array([grasp.tip[0], grasp.tip[1], 0.0])
                     lever = float(np.linalg.norm(level - up * float(level @ up)))
-                    # what hangs beside the pads turns between them: pads bear a moment by friction over their faces
+                    # An object held beside its centre of mass turns: friction over the pads bears a bounded moment
                     if mass * GRAVITY * lever > 2 * hand.gripping_force(mass, lever) * PAD_FRICTION[0] * hand.pad[0]:
                         continue
                     rim = len(spans) > 1 or abs(float(grasp.tip[1])) > 0.02
@@ -488,7 +488,7 @@ class _SceneSearch:
         return bool(touched)
 
     def explain(self) -> FingerGrasps:
-        """Why there are no grasps: what stopped the candidate that came farthest."""
+        """The reason for the lack of grasps: the last test that stopped a candidate."""
         hand = self._physics.fingers.hand
         reason = next((reason for reason in reversed(_STAGES) if self._reasons[reason]), "room")
         covered = tuple(owner for owner, _ in self._owners.most_common())

@@ -50,7 +50,7 @@ class World:
     addresses: dict[int, int]  # id of a rigid object to the start of its 7 positions in ``qpos``
     owners: tuple[int, ...]  # geom id to object id, -1 for the table and the robot
     cup_geom: int  # of the suction cup, or of the spatula that replaces it; -1 for a hand with fingers
-    cup_body: int  # that the arm carries at its flange: the cup, or the hand
+    cup_body: int  # body at the flange: of the cup, or of the hand
     tip_site: int
     arm: Arm  # its joints are the first positions, speeds and controls
     # ids of objects in point ties, as in ropes: they hang freely from the cup

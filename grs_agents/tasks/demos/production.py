@@ -38,7 +38,7 @@ Flags = npt.NDArray[np.bool_]
 _PACES: Final = (1.0, 0.7)
 """Speeds of a replay relative to the expert: slower if the held object slips off at the control rate."""
 _FINGER_PACES: Final = (0.5, 0.43)
-"""As ``_PACES``, for fingers: what they hold by friction creeps the more the faster it is moved."""
+"""``_PACES`` for fingers: an object held by friction creeps with the speed of its motion."""
 _SPARE: Final = 20
 """Most attempts beyond twice the number of episodes."""
 _VARIED: Final = Variation(jitter=0.03, yaw=float(np.deg2rad(30)))

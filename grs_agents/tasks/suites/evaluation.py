@@ -323,7 +323,7 @@ def _read_latencies(out: Path) -> list[float]:
 
 
 class _Job:
-    """What a process keeps between episodes: the policy, and the environment of the last task."""
+    """State of a process between episodes: the policy, and the environment of the last task."""
 
     def __init__(self, folder: Path, order: EvaluationOrder, out: Path) -> None:
         self.folder, self.order, self.out = folder, order, out
@@ -385,13 +385,14 @@ def _run_episode(key: EpisodeKey) -> tuple[EpisodeResult, list[float]]:
     task = job.suite.task(key.task)
     env, layout = job.environment(key.task)
     instance = task.seeds[key.episode % len(task.seeds)]
-    instruction = task.words[key.words]
+    drawn = env.instances[instance]  # whose distances are its own
+    instruction = drawn.instruction if key.words == "specific" and drawn.instruction else task.words[key.words]
     observed, _ = env.reset(options={"instance": instance})
     watch = _Watch(env)
     recording = MotionRecording(env.episode.physics, env.episode.task.ids)
     seed = int.from_bytes(sha256(f"{job.order.seed} {key.model_dump_json()}".encode()).digest()[:4], "big")
     low, high = env.action_bounds
-    start = EpisodeStart(instruction, env.instances[instance], env.folder.library, low, high, seed)
+    start = EpisodeStart(instruction, drawn, env.folder.library, low, high, seed)
     outcome, detail, latencies = "horizon", "", list[float]()
     ended = False
     try:

@@ -35,7 +35,7 @@ CAMERA, INSTRUCTION = "camera:", "instruction"
 
 
 class ActionLayout(Frozen):
-    """How a policy's reply becomes actions of the control."""
+    """Conversion of a policy's reply into actions of the control."""
 
     key: str | None = None  # entry of the reply that holds the actions; None: the reply itself
     # last column: ``signed`` is the control's own (on above 0), ``positive`` is on above 0.5 (a gripper's position,
@@ -49,7 +49,7 @@ class Layout(Frozen):
     control: ControlName = "joint_position"
     execute: Annotated[int, Field(ge=1, le=1000)] | None = None  # actions of a chunk that are carried out; None: all
     image_size: tuple[Annotated[int, Field(ge=16, le=2048)], Annotated[int, Field(ge=16, le=2048)]] = (224, 224)
-    joints: Annotated[int, Field(ge=1, le=64)] | None = None  # that the policy was made for; None: any
+    joints: Annotated[int, Field(ge=1, le=64)] | None = None  # of the arms that the policy is for; None: any
     # a policy's name -> ``camera:NAME``, ``instruction``, or a part of the environment's state; names joined by ``+``
     # are concatenated
     observation: dict[str, str] = Field(default_factory=dict[str, str])

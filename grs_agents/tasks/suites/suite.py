@@ -120,10 +120,10 @@ def make_suite(
         if not manifest.instances:
             raise InputError(f"the expert solves no variation of {run}", "vary less, or leave the run out")
         kept = manifest.instances[:instances]
-        made = open_task_folder(out)
+        written = open_task_folder(out)
         show(f"{task_name}: grading")
-        difficulty = grade_task(made, GradeOrder(), workers).difficulty if grade else None
-        first = made.read_instance(kept[0].seed)
+        difficulty = grade_task(written, GradeOrder(), workers).difficulty if grade else None
+        first = written.read_instance(kept[0].seed)
         tasks.append(
             SuiteTask(
                 name=task_name,
@@ -186,7 +186,7 @@ def find_tags(instance: TaskInstance, words: str) -> tuple[Tag, ...]:
     spoken = words.lower()
     kinds = {goal.relation_kind for goal in instance.goals}
     moved = [number for goal in instance.goals for number in goal.objects]
-    found: Mapping[Tag, bool] = {
+    applies: Mapping[Tag, bool] = {
         "color": bool(_COLORS.search(spoken)),
         "size": bool(_SIZES.search(spoken)),
         "kind": not (_COLORS.search(spoken) or _SIZES.search(spoken)),
@@ -199,7 +199,7 @@ def find_tags(instance: TaskInstance, words: str) -> tuple[Tag, ...]:
         "several moves": len(set(moved)) > 1,
         "pushing": instance.primitive == "push",
     }
-    return tuple(tag for tag, holds in found.items() if holds)
+    return tuple(tag for tag, holds in applies.items() if holds)
 
 
 def _read_words(source: TaskFolder) -> dict[Wording, str]:

@@ -24,6 +24,13 @@ def test_the_reference_is_short_and_names_what_programs_need() -> None:
         assert word in text
 
 
+def test_the_reference_names_the_hand_and_the_reach_of_the_arm() -> None:
+    fingers = api_reference("program", None, "panda", "franka_hand")
+    assert "picks from above with two fingers between" in fingers and "picks from above with suction" not in fingers
+    assert "suction between 0.22 m and 0.85 m" in api_reference()
+    assert "0.85 m from its base" not in fingers
+
+
 def test_the_reference_explains_itself_to_either_reader() -> None:
     for text in (api_reference(), api_reference("tests")):
         named = set(re.findall(r"`utils\.(\w+)\(", text))

@@ -4,12 +4,14 @@ from pathlib import Path
 
 import pytest
 
+from grs_agents.audit.types import AuditReport, JudgedWords
 from grs_agents.base.files import write_json
 from grs_agents.sim.variation.types import Variation
 from grs_agents.tasks.suites.suite import make_suite
 from tests.tasks.envs.conftest import block_instance
 
 VARIATION = Variation(jitter=0.02)
+SPECIFIC = "the block ends at the left; nothing else moves"
 
 
 @pytest.fixture(scope="session")
@@ -17,10 +19,20 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     """Folders of the instances of two tasks; the first has words of its own."""
     folders = [tmp_path_factory.mktemp("runs") / name for name in ("near", "far")]
     for folder, seed in zip(folders, (0, 1), strict=True):
-        write_json(folder / "instances" / f"seed_{seed}.json", block_instance(seed).model_dump(mode="json"))
-    words = {"vague": "tidy up", "specific": "the block ends at the left; nothing else moves"}
-    instructions = {kind: {"text": text, "verdict": "agree", "by": "goals", "why": ""} for kind, text in words.items()}
-    task = {"task-description": "Put the red block to the left.", "instructions": instructions}
+        instance = block_instance(seed).model_copy(update={"instruction": "" if seed else SPECIFIC})
+        write_json(folder / "instances" / f"seed_{seed}.json", instance.model_dump(mode="json"))
+    words = {"vague": "tidy up", "default": "Put the red block to the left.", "specific": SPECIFIC}
+    made = AuditReport(
+        accepted=True,
+        findings=(),
+        changes=(),
+        rollouts=(),
+        rewards=(),
+        sentence=words["specific"],
+        vague=words["vague"],
+        words=JudgedWords(verdict="agree", by="offline", why=""),
+    ).list_instructions(words["default"])
+    task = {"task-description": words["default"], "instructions": {name: dict(text) for name, text in made.items()}}
     write_json(folders[0] / "task.json", task)
     return folders
 

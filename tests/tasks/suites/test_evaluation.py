@@ -23,7 +23,9 @@ from grs_agents.tasks.suites.evaluation import (
     read_results,
 )
 from grs_agents.tasks.suites.layouts import PRESETS, Layout, read_layout
+from grs_agents.tasks.suites.suite import open_suite_task, read_suite
 from tests.cli.command import grs
+from tests.tasks.suites.conftest import SPECIFIC
 
 
 class Idle:
@@ -121,6 +123,13 @@ def test_a_policy_is_told_the_wording_that_is_asked_for(suite_folder: Path, tmp_
     assert Told.instructions == ["tidy up"] * 2 + ["Put the red block to the left."] * 2
     with pytest.raises(InputError, match="vague"):
         make_order(suite_folder, "oracle", PRESETS["grs"], words=("vague",))
+
+
+def test_the_specific_wording_is_the_sentence_of_the_instance(suite_folder: Path, tmp_path: Path) -> None:
+    _, rows = judge(suite_folder, tmp_path / "out", own("Told"), words=("specific",), tasks=("put-block-left",))
+    folder = open_suite_task(suite_folder, read_suite(suite_folder).task("put-block-left"))
+    assert {row.instruction for row in rows} == {folder.read_instance(row.instance).instruction for row in rows}
+    assert SPECIFIC not in {row.instruction for row in rows}
 
 
 def test_what_cannot_be_evaluated_is_refused_by_name(suite_folder: Path, tmp_path: Path) -> None:
