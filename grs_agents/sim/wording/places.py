@@ -81,7 +81,8 @@ class PlacePhrases:
             and math.dist(pose[0][:2], (x, y)) < _SAME_PLACE
             and math.dist(pose[0][:2], self.table.final[neighbor][0][:2]) > _SAME_PLACE
         ]
-        if left:
+        carried = any(how == "on" and support not in self.table.hollow | self.table.marks for how, support in supports)
+        if left and not carried:  # else a newcomer at that place carries the object
             return Place(f"where {self.nouns.name(left[0])} stood")
         if supports:
             texts = [self._describe_support(target, number, how, support, only) for how, support in supports]
@@ -96,7 +97,7 @@ class PlacePhrases:
         if not (goal.rotations and symmetry > 0 and len(allowed) == 1):
             return ""
         outline = self.table.start[number].outline
-        middle = outline.mean(axis=0)
+        middle = (outline.min(axis=0) + outline.max(axis=0)) / 2  # the mean leans to where corners are dense
         inner = float(margins_inside_outline(_POINT, outline, middle[None])[0])
         outer = float(np.linalg.norm(outline - middle, axis=1).max())
         if outer < _ROUND * inner:

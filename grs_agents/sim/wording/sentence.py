@@ -146,9 +146,10 @@ class _Writer:
         for clause in (clause for stage in self.stages for clause in stage):
             how = _IN_OR_ON.match(clause.text) if clause.verb == "put" and clause.references else None
             place = self._kind(clause.references[0]) if how else ""
+            word = "in" if how and clause.references[0] in self.table.walled else "on"
             verb = "move" if clause.verb == "put" and not how else clause.verb
             verb = "push" if self._pushes and verb in ("put", "move") else verb
-            objects, places = groups.setdefault((verb, how[1] if how else "", place), ([], set()))
+            objects, places = groups.setdefault((verb, word if how else "", place), ([], set()))
             objects += [number for number in clause.objects if number not in objects]
             places.update(clause.references[:1])
         steps: list[str] = []
@@ -197,12 +198,17 @@ class _Writer:
         yield from alike.values()
 
     def _make_place_clause(self, index: int, number: int, place: Place, turn: str, pose: bool) -> Clause:
+        start = self.table.find_supports(self.table.start[number], self.table.start)
+        again = self._are_moved_before({number, *(support for _, support in start)}, index)
+        if again and turn:
+            turn = f"{turn} from how it stood"
         if not place.text:  # its own place
-            if turn:
+            if turn and not again:
                 return Clause("turn", (number,), f"{self.nouns.name(number)} {turn} on the spot", index)
-            return Clause("put", (number,), "back where it stood", index)
+            return Clause("put", (number,), "back where it stood", index, turn=turn)
+        if place.free and again:  # lengths count from its start, not from where it is by then
+            return Clause("put", (number,), f"{place.text} from where it stood", index, turn=turn, place=place)
         if place.free:
-            start = self.table.find_supports(self.table.start[number], self.table.start)
             out = f"from {self.nouns.name(start[0][1])} onto the bare table, " if start else ""
             turned = f", turned {turn}" if turn else ""
             text = f"{self.nouns.name(number)} {out}{place.text}{turned}"
@@ -210,10 +216,18 @@ class _Writer:
         below = place.references[0] if len(place.references) == 1 else None
         loose = below is not None and below not in self.table.hollow | self.table.marks
         if pose and loose and place.text.startswith("on "):
-            turned = f" (turned {turn})" if turn else ""
-            text = f"{self.nouns.name(number)}{turned} {place.text}"
+            text = f"{self._name_turned(number, turn)} {place.text}"
             return Clause("stack", (number,), text, index, place.references)
         return Clause("put", (number,), place.text, index, place.references, turn, place if pose else None)
+
+    def _name_turned(self, number: int, turn: str) -> str:
+        """``the cookie box (turned by 43 degrees clockwise)``; the bare name without a turn."""
+        name = self.nouns.name(number)
+        return f"{name} (turned {turn})" if turn else name
+
+    def _are_moved_before(self, numbers: set[int], index: int) -> bool:
+        """True if goals before the ``index``-th move any of the objects."""
+        return any(not numbers.isdisjoint(earlier.objects) for earlier in self.table.instance.goals[:index])
 
     def _list_options(self, options: Sequence[Place], goal: Goal, count: int) -> str:
         """Several places of which any will do, or each for a different object."""
@@ -231,8 +245,7 @@ class _Writer:
         objects = goal.objects
         if kind == "stacked":
             bottom = objects[0]
-            placed = any(bottom in earlier.objects for earlier in self.table.instance.goals[:index])
-            if placed or not self.measured or bottom not in self.table.displaced:
+            if self._are_moved_before({bottom}, index) or not self.measured or bottom not in self.table.displaced:
                 steps = [f"{self.nouns.name(above)} on {self.nouns.name(below)}" for below, above in pairwise(objects)]
                 return Clause("stack", objects[1:], join_with_and(steps), index, (bottom,))
             return Clause(
@@ -256,12 +269,7 @@ class _Writer:
         """Join clauses with spots in a row on the same support into one that states their order."""
         rows: dict[tuple[int, ...], list[Clause]] = {}
         for clause in clauses:
-            if (
-                clause.place is not None
-                and clause.place.spot is not None
-                and not clause.turn
-                and not clause.text.startswith("where ")
-            ):
+            if clause.place is not None and clause.place.spot is not None and not clause.text.startswith("where "):
                 on_support = not clause.place.free and _IN_OR_ON.match(clause.text)
                 rows.setdefault(clause.references if on_support else (), []).append(clause)
         joined: dict[int, Clause | None] = {}  # by the place of a clause in the stage
@@ -301,7 +309,9 @@ class _Writer:
             assert first.place is not None
             back = " from where it stood" if first.place.free else ""
             where = f" on the bare table (beginning with {self.nouns.name(ranked[0])} {first.place.text}{back})"
-        text = f"{self.nouns.list_names(ranked)} {way}{apart}{where}"
+        turns = {member.objects[0]: member.turn for member in members if member.turn}
+        names = [self._name_turned(number, turns.get(number, "")) for number in ranked]
+        text = f"{join_with_and(names)} {way}{apart}{where}"
         return Clause("line up", tuple(ranked), text, members[0].goal, references)
 
     def _write_stage(self, clauses: Sequence[Clause]) -> str:
@@ -317,8 +327,7 @@ class _Writer:
                 text = clause.text if verb in rest else f"{verb} {clause.text}"
                 rest.setdefault(verb, []).append(text)
             elif clause.turn:
-                name = self.nouns.name(clause.objects[0])
-                turned.setdefault(clause.text, []).append(f"{name} (turned {clause.turn})")
+                turned.setdefault(clause.text, []).append(self._name_turned(clause.objects[0], clause.turn))
             else:
                 objects.setdefault(clause.text, []).extend(clause.objects)
         puts: list[str] = []

@@ -135,10 +135,50 @@ def tell(*goals: Json, **changes: Any) -> str:
             [related("inside", [TUNA], BOX), placed(TUNA, (0.6, -0.24, 0.017))],
             "Put the tuna can in the open box, then put the tuna can back where it stood; nothing else moves.",
         ),
+        (  # a stack at the place of what is moved away
+            [
+                placed(BLUE, (0.46, 0.1, 0.02)),
+                placed(TUNA, (0.57, -0.34, 0.017)),
+                placed(RED, (0.57, -0.34, 0.054)),
+            ],
+            "Put the tuna can where the blue block stood, and move the blue block 44 cm to the left and 11 cm towards "
+            "the robot, then stack the red block on the tuna can; nothing else moves. Sides are as the robot sees "
+            "them.",
+        ),
+        (  # a row whose objects are turned stays a row
+            [
+                placed(RED, (0.48, -0.26, 0.022, 14), symmetry=math.pi),
+                placed(COOKIES, (0.46, -0.16, 0.085, 14), symmetry=math.pi),
+            ],
+            "Line up the cookie box (turned by 14 degrees counterclockwise) and the red block (turned by 14 degrees "
+            "counterclockwise) from left to right, 10 cm from centre to centre, on the green zone; nothing else moves. "
+            "The green zone is not in the photo. Sides are as the robot sees them.",
+        ),
+        (  # lengths and turns count from the start, not from the bowl
+            [related("inside", [RED], BOWL), placed(RED, (0.46, -0.45, 0.02))],
+            "Put the red block in the bowl, then put the red block 11 cm to the right and 20 cm towards the robot from "
+            "where it stood; nothing else moves. Sides are as the robot sees them.",
+        ),
+        (
+            [related("inside", [COOKIES], BOX), placed(COOKIES, (0.34, -0.09, 0.083, 43), symmetry=math.pi)],
+            "Put the cookie box in the open box, then put the cookie box (turned by 43 degrees counterclockwise from "
+            "how it stood) back where it stood; nothing else moves.",
+        ),
     ],
 )
 def test_a_sentence_states_what_the_goals_ask_for(goals: list[Json], sentence: str) -> None:
     assert tell(*goals) == sentence
+
+
+def test_a_block_turns_at_most_by_half_a_quarter_however_its_outline_is_sampled() -> None:
+    """Rounding gives the settled block an outline of five corners, two of which coincide."""
+    settled = (
+        (0.6612200206605988, -0.3434855535832362, 0.019953621014744793),
+        (-1.93593109024108e-07, 1.0402897397165078e-09, 0.013089595571346707, 0.9999143275739882),
+    )
+    objects = [{**item, "pose": settled} if item["id"] == RED else item for item in OBJECTS]
+    goal = placed(RED, (0.47, -0.2, 0.022, 71.5), symmetry=math.pi)
+    assert "(turned by 20 degrees clockwise)" in tell(goal, objects=objects)
 
 
 def test_what_moves_without_a_goal_is_stated() -> None:
@@ -151,6 +191,14 @@ def test_what_moves_without_a_goal_is_stated() -> None:
     told = describe_task(instance, Library(), initial, final)
     assert told.specific == "Put the red block in the bowl; the blue block moves, too; nothing else does."
     assert told.vague == "Put a block in the bowl."
+
+
+def test_vague_words_put_things_on_a_mark_even_in_its_middle() -> None:
+    goal = {**placed(RED, (0.47, -0.2, 0.022)), "replace": False, "max_reward": 1.0, "language": ""}
+    plain = {"task": "T", "seed": 0, "max_steps": 8, "timestep": 0.004, "objects": OBJECTS}
+    told = describe_task(TaskInstance.model_validate({**plain, "goals": [goal]}), Library())
+    assert told.specific.startswith("Put the red block in the middle of the green zone;")
+    assert told.vague == "Put a block on the zone."
 
 
 def test_a_robot_that_pushes_is_said_to_push() -> None:
