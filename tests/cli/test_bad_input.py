@@ -140,12 +140,15 @@ def test_a_bad_setting(tmp_path: Path, sample_scene: Path, setting: str, words: 
 
 
 def test_a_photo_alone_needs_a_depth_tool(tmp_path: Path, sample_scene: Path) -> None:
-    photo = str(sample_scene / "rgb.png")
-    done = grs("scene", photo, "--out", "given", folder=tmp_path)
+    alone, work = tmp_path / "alone", tmp_path / "work"
+    alone.mkdir()
+    work.mkdir()
+    photo = str(shutil.copy(sample_scene / "rgb.png", alone))
+    done = grs("scene", photo, "--out", "given", folder=work)
     assert_refused(done, "rgb.png", "no depth", "tools.depth=depth_transformers")
-    done = grs("scene", photo, "--set", "tools.depth=depth_transformers", "--out", "asked", folder=tmp_path)
+    done = grs("scene", photo, "--set", "tools.depth=depth_transformers", "--out", "asked", folder=work)
     assert_refused(done, "depth.model")
-    assert not list(tmp_path.iterdir())
+    assert not list(work.iterdir())
 
 
 @pytest.mark.parametrize("source", ["bop:nowhere/test/1/1", "bop:1", "cloud.ply", "notes.txt"])

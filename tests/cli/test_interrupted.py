@@ -107,7 +107,7 @@ def test_a_run_that_is_asked_to_end_does_not_wait_for_replies(
 
     scripted_server.arrived = hold
     order = ["run", str(small_scene), "--out", str(tmp_path / "run")]
-    order += ["--set", "models.timeout=3600", "--set", "scene.group=off"]
+    order += ["--set", "models.timeout=3600", "--set", "scene.group=off", "--set", "match.describe=each"]
     with subprocess.Popen(command(*order, *asking(scripted_server)), stderr=subprocess.DEVNULL) as process:
         try:
             assert asked.wait(120)

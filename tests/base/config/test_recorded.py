@@ -23,6 +23,7 @@ CHANGED: dict[str, Any] = {
     "audit.words": "agree",
     "policy": "package.module:Policy",
     "robot": "/home/somebody/arm.xml",
+    "hand": "franka_hand",
     "graph": "../graphs/mine",
     "tools.segment": "package.module",
     "prompts.task": "../secret",
@@ -82,7 +83,7 @@ def test_every_setting_is_on_one_side_on_purpose() -> None:
     # A new setting is local until it is marked; these are the ones that a stranger may choose.
     sides = {key.partition(".")[0] for key in portable_settings()}
     assert sides == {
-        *("graph", "policy", "seed", "robot", "max_fixes", "end_picture", "reply_retries", "tools", "scene"),
+        *("graph", "policy", "seed", "robot", "hand", "max_fixes", "end_picture", "reply_retries", "tools", "scene"),
         *("segment", "depth", "camera", "match", "background", "prompts", "audit", "author"),
     }
     assert not {"sandbox", "workers", "record", "cassette", "limits", "models", "budget"} & sides
