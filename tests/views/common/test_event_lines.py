@@ -32,5 +32,5 @@ def test_what_went_wrong_stands_out() -> None:
 
 
 def test_only_a_check_that_holds_has_a_tick() -> None:
-    assert format_event_line(Finding(check="reward", passed=True, detail="1.00")) == "✓ reward: 1.00"
-    assert format_event_line(Finding(check="reward", passed=False, detail="0.50")).startswith("× ")
+    assert format_event_line(Finding(check="reward", passed=True, measured="1.00")) == "✓ reward: 1.00"
+    assert format_event_line(Finding(check="reward", passed=False, measured="0.50")).startswith("× ")
