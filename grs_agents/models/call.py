@@ -164,11 +164,14 @@ def request_structured_message(
         return request_message(model, messages, retries)
     strict = {"strict": True} if "strict" in signature(model.with_structured_output).parameters else {}
     try:
-        structured = model.with_structured_output(dict(schema), include_raw=True, **strict) | _raw_message_as_json
+        structured = model.with_structured_output(dict(schema), **strict)
     except (NotImplementedError, ValueError, TypeError, ImportError):  # the first of LangChain's base class
         return request_message(model, messages, retries)
+    # The model with the schema bound, before its parser. `include_raw` would ask it in a pool of threads, which the
+    # process joins at its end even if the user interrupts it.
+    asked: Any = getattr(structured, "first", structured)
     try:
-        return request_message(structured, messages, retries, _may_stream(model))
+        return request_message(asked | _arguments_as_content, messages, retries, _may_stream(model))
     except ProviderFailure as failure:
         if failure.retryable or failure.kind not in _MAY_REFUSE_SCHEMA:
             raise
@@ -177,9 +180,8 @@ def request_structured_message(
         return reply
 
 
-def _raw_message_as_json(output: Any) -> "AIMessage":
-    """The message in the output of ``with_structured_output``; the arguments of a tool call become its content."""
-    message: AIMessage = output["raw"]
+def _arguments_as_content(message: "AIMessage") -> "AIMessage":
+    """The message; the arguments of a tool call, by which some providers bind a schema, become its content."""
     if not message.tool_calls and not message.invalid_tool_calls:
         return message
     calls = [json.dumps(call["args"], ensure_ascii=False) for call in message.tool_calls]

@@ -117,8 +117,8 @@ def test_neighbours_that_leave_the_fingers_no_room_are_named() -> None:
     env = table(("block/block.urdf", (0.5, 0.0, 0.02)), *(("block/block.urdf", place) for place in ring))
     found = grasps(env, 1)
     assert found.poses == ()
-    assert found.covered_by
-    assert set(found.covered_by) <= set(range(2, 10))
+    assert found.hindered_by
+    assert set(found.hindered_by) <= set(range(2, 10))
     assert "no room for the Franka Hand" in found.why
 
 
