@@ -180,7 +180,7 @@ def test_a_signal_before_the_first_node_is_not_lost(tmp_path: Path, known_scene:
     assert f"grs --content {graphs.parent} run {known_scene} --out {out} --resume" in done.stderr
     assert json.loads((out / "run.json").read_text())["status"] == "interrupted"
     if name == "SIGTERM":
-        again = grs(*order[:3], "--out", str(out), "--resume", "--json", folder=tmp_path)  # of the scene that it has
+        again = grs(*order[:3], str(known_scene), "--out", str(out), "--resume", "--json", folder=tmp_path)
         assert json.loads(again.stdout)["status"] == "accepted", again.stderr
 
 
