@@ -112,6 +112,17 @@ def test_two_objects_move_even_if_only_some_pairs_leave_room_for_a_target() -> N
         assert len([asset for asset in used if asset.startswith("proxy/")]) >= 2
 
 
+def test_a_bowl_is_moved_where_no_other_second_object_has_room() -> None:
+    can = scene_object("can_1", (0.42, -0.1), (0.12, 0.12, 0.1), "red", "can")
+    bowl = {**scene_object("bowl_1", (0.42, 0.08), (0.1, 0.1, 0.05), "white", "bowl"), "hollow": True}
+    far = scene_object("far_1", (1.2, 0.0), (0.3, 0.3, 0.1), "blue", reachable=False)
+    walls = [scene_object(f"wall_{n}", (0.66, -0.35 + 0.23 * n), (0.22, 0.22, 0.3), "green") for n in range(4)]
+    heavy = [{**wall, "cannot_be_picked": "it is too heavy"} for wall in walls]
+    for seed in range(4):
+        used = set(task_for({"objects": [can, bowl, far, *heavy]}, seed)["assets-used"])
+        assert {"proxy/can_1.urdf", "proxy/bowl_1.urdf"} <= used
+
+
 def test_things_called_alike_are_told_by_their_height_or_counted() -> None:
     boxes = [scene_object(f"box_{n}", (0.4, -0.3 + 0.15 * n), (0.06, 0.06, 0.03 + 0.04 * n)) for n in range(3)]
     cans = [scene_object(f"can_{n}", (0.55, -0.2 + 0.15 * n), (0.06, 0.06, 0.08), "blue", "can") for n in range(2)]

@@ -81,10 +81,20 @@ def draw_random_task(objects: Sequence[PromptObject], rng: np.random.Generator) 
         taken=taken,
     )
     called = count_called(objects)
-    tries = ((2, called, 1.0), (2, called, _TIGHT), (2, None, 1.0), (1, called, 1.0), (1, None, 1.0))
-    for least, names, margin in tries:
+    ranked = rank_movable_objects(objects)
+    # a crowded table may have room for a pair with a bowl alone, which no family prefers
+    with_bowls = [obj for obj in objects if is_uncovered_object(obj, objects) and is_reachable_object(obj)]
+    tries = (
+        (2, called, 1.0, ranked),
+        (2, called, _TIGHT, ranked),
+        (2, None, 1.0, ranked),
+        (2, None, _TIGHT, [*ranked, [obj for obj in with_bowls if not obj.is_doubtful]]),
+        (1, called, 1.0, ranked),
+        (1, None, 1.0, ranked),
+    )
+    for least, names, margin, groups in tries:
         allowed: list[Family] = families if least == 2 else ["place"]
-        for movable, family in product(rank_movable_objects(objects), allowed):
+        for movable, family in product(groups, allowed):
             plan = find_plan_for_family(family, movable, replace(request, margin=margin), rng, least, names)
             task = None if plan is None else convert_plan_to_task_json(plan)
             if task is not None and is_plannable(task, objects):
@@ -356,7 +366,7 @@ def list_candidate_object_sets(
         return [select_objects_without_overlap(group, most) for group in groups]
     free = select_objects_without_overlap(shuffled, int(rng.integers(least, most + 1)))
     pairs = sorted(combinations(shuffled, 2), key=lambda pair: sum(obj.size[0] * obj.size[1] for obj in pair))
-    return [*(free[:size] for size in range(len(free), 1, -1)), *map(list, pairs), free[:1]]
+    return [*(free[:size] for size in range(len(free), 1, -1)), *map(list, pairs), *([obj] for obj in shuffled)]
 
 
 def find_plan_for_family(
