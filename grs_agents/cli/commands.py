@@ -76,6 +76,9 @@ SCENE = typer.Argument(
     "or a sample scene by its name, such as groceries.",
     autocompletion=complete_scene,
 )
+TaskFolder = Annotated[
+    Path, typer.Argument(help="An accepted run, or a folder of grs instances.", autocompletion=complete_run_folder)
+]
 Scene = Annotated[Path, SCENE]
 
 
@@ -395,9 +398,7 @@ def instances(
 
 @app.command(rich_help_panel="Use")
 def demos(
-    run: Annotated[
-        Path, typer.Argument(help="An accepted run, or a folder of grs instances.", autocompletion=complete_run_folder)
-    ],
+    run: TaskFolder,
     episodes: Episodes = 200,
     kind: Annotated[str, typer.Option("--format", help="lerobot, robomimic or minari.")] = "lerobot",
     cameras: Cameras = "",
@@ -530,9 +531,7 @@ def share(
 
 @app.command(rich_help_panel="Use")
 def export(
-    run: Annotated[
-        Path, typer.Argument(help="An accepted run, or a folder of grs instances.", autocompletion=complete_run_folder)
-    ],
+    run: TaskFolder,
     to: Annotated[Literal["mjcf"], typer.Option("--format", help="What to write.")] = "mjcf",
     portable: Annotated[bool, typer.Option("--portable", help=_PORTABLE)] = False,
     seed: InstanceSeed = None,

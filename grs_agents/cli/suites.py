@@ -14,7 +14,7 @@ from grs_agents.base.terminal import print_escaped, print_json
 from grs_agents.sim.variation.types import Variation
 from grs_agents.tasks.suites.evaluation import EvaluationSummary, compare_evaluations, evaluate, make_order
 from grs_agents.tasks.suites.layouts import read_layout
-from grs_agents.tasks.suites.statistics import Interval, PairedComparison
+from grs_agents.tasks.suites.statistics import PairedComparison
 from grs_agents.tasks.suites.suite import list_changes_of_suite, make_suite
 from grs_agents.views.evaluation.page import render_evaluation_page
 from grs_agents.views.terminal import show_activity_status
@@ -44,7 +44,14 @@ def write_suite(
         table.add_column(column, overflow="fold")
     for task in suite.tasks:
         difficulty = "" if task.difficulty is None else f"{task.difficulty:.2f}"
-        row = (task.name, task.robot, str(len(task.seeds)), str(task.moves), difficulty, ", ".join(task.tags))
+        row = (
+            task.name,
+            f"{task.robot}, {task.hand}",
+            str(len(task.seeds)),
+            str(task.moves),
+            difficulty,
+            ", ".join(task.tags),
+        )
         table.add_row(*map(Text, (*row, task.words["default"])))
     console.print(table)
     return 0
@@ -72,7 +79,8 @@ def evaluate_policy(
 ) -> int:
     """Evaluate a policy with a progress bar, and print its figures."""
     order = make_order(folder, policy, read_layout(layout), **settings)
-    place = out or folder.resolve().with_name(f"{folder.resolve().name}-{_file_name(policy)}")
+    name = "".join(letter if letter.isalnum() else "-" for letter in policy).strip("-")[:60]
+    place = out or folder.resolve().with_name(f"{folder.resolve().name}-{name}")
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=terminal.make_console(error=True)) as progress:
         row = progress.add_task("episodes")
@@ -114,7 +122,9 @@ def describe_comparison(compared: PairedComparison, first: str, second: str) -> 
 
 def _print_summary(place: Path, summary: EvaluationSummary) -> None:
     console = terminal.make_console()
-    console.print(Text(f"{summary.policy} on {summary.suite}: success {_percent(summary.success)}", style="bold"))
+    rate = summary.success
+    figure = f"{rate.mean:.1%} ({rate.low:.1%} to {rate.high:.1%}) of {rate.count}"
+    console.print(Text(f"{summary.policy} on {summary.suite}: success {figure}", style="bold"))
     table = Table(box=None, pad_edge=False, header_style="bold")
     for column in ("", "success", "95 %", "episodes", "progress"):
         table.add_column(column, overflow="fold")
@@ -134,12 +144,3 @@ def _print_summary(place: Path, summary: EvaluationSummary) -> None:
     moved = f"{summary.disturbed:.0%} of episodes moved a bystander; {summary.dropped:.2f} objects dropped in each"
     console.print(Text(moved))
     console.print(Text(f"the page is {place / 'index.html'}, rows and motions are beside it"))
-
-
-def _percent(interval: Interval) -> str:
-    return f"{interval.mean:.1%} ({interval.low:.1%} to {interval.high:.1%}) of {interval.count}"
-
-
-def _file_name(policy: str) -> str:
-    """The policy's name as part of a folder's name."""
-    return "".join(letter if letter.isalnum() else "-" for letter in policy).strip("-")[:60]

@@ -87,7 +87,7 @@ def build_background_asset(
     objects = robot.copy()
     for candidate in candidates:
         objects |= candidate.mask
-    arm = compute_arm_spheres_at_home(services.robot_name_or_path, services.library)
+    arm = compute_arm_spheres_at_home(services.robot_name_or_path, services.config.hand, services.library)
     background = reconstruct_background(
         frame, table, objects, [candidate.box for candidate in candidates], arm, config.voxel
     )

@@ -7,7 +7,7 @@ from typing import Any
 from langchain_core.callbacks import CallbackManagerForLLMRun, Callbacks
 from langchain_core.language_models import LanguageModelInput
 from langchain_core.language_models.chat_models import BaseChatModel
-from langchain_core.messages import AIMessage, BaseMessage, HumanMessage
+from langchain_core.messages import BaseMessage, HumanMessage
 from langchain_core.outputs import ChatGeneration, ChatResult, LLMResult
 from langchain_core.prompt_values import PromptValue
 from langchain_core.runnables import Runnable
@@ -53,8 +53,8 @@ class FallbackChatModel(DelegatingChatModel):
     def with_structured_output(
         self, schema: dict[str, Any] | type, *, include_raw: bool = False, **kwargs: Any
     ) -> Runnable[LanguageModelInput, dict[str, Any] | BaseModel]:
-        """Send the schema to each model that supports it; the output is the raw message alone, which may be text."""
-        return self.bind(schema=schema) | _raw_alone
+        """Send the schema to each model that supports it; the output is the message, since others reply with text."""
+        return self.bind(schema=schema)
 
     def _generate(
         self,
@@ -91,10 +91,6 @@ class FallbackChatModel(DelegatingChatModel):
         if isinstance(last, ReplyProblem):
             raise ReplyProblem(last.kind, "; ".join(failed), last.remedy, last.answer) from last
         raise ProviderFailure(last.kind, "; ".join(failed), last.remedy) from last
-
-
-def _raw_alone(message: AIMessage) -> dict[str, Any]:
-    return {"raw": message, "parsed": None, "parsing_error": None}
 
 
 def remove_pictures(messages: Sequence[BaseMessage]) -> list[BaseMessage]:

@@ -170,12 +170,12 @@ def reset_world_to_poses(built: World, objects: Sequence[InstanceObject]) -> Non
             built.data.qpos[start : start + 7] = (*position, w, x, y, z)
 
 
-def compute_arm_spheres_at_home(robot: str, library: Library) -> npt.NDArray[np.float64]:
-    """Spheres (N, 4) around each part of an arm at its home position: centre and radius, metres, robot frame.
+def compute_arm_spheres_at_home(robot: str, hand: str, library: Library) -> npt.NDArray[np.float64]:
+    """Spheres (N, 4) around each part of an arm with its hand at its home: centre and radius, metres, robot frame.
 
     Raises ``InputError`` for a file that cannot be read or holds no arm.
     """
-    arm = get_arm(robot)
+    arm = get_arm(robot, hand)
     built = build_world((), library, arm=arm)
     built.data.qpos[: arm.dof] = arm.home_joints
     mujoco.mj_forward(built.model, built.data)

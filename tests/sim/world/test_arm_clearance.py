@@ -8,6 +8,7 @@ import pytest
 from grs_agents.library.background_asset import write_background_asset
 from grs_agents.library.library import Library
 from grs_agents.sim import Environment, InstanceObject, InstanceTask, TaskInstance
+from grs_agents.sim.hands.registry import DEFAULT_HAND
 from grs_agents.sim.rendering.cameras import LookAtCamera, VisibleScene
 from grs_agents.sim.rendering.pictures import render_views
 from grs_agents.sim.world.compilation import compute_arm_spheres_at_home
@@ -59,7 +60,7 @@ def test_cameras_see_it(library: Library) -> None:
 
 @pytest.mark.parametrize("robot", ["ur5e", "panda"])
 def test_the_arm_at_home_reaches_from_its_base_to_over_the_table(robot: str) -> None:
-    spheres = compute_arm_spheres_at_home(robot, Library())
+    spheres = compute_arm_spheres_at_home(robot, DEFAULT_HAND, Library())
     assert np.linalg.norm(spheres[:, :2], axis=1).min() < 0.05
     assert spheres[:, 0].max() > 0.3
     assert (spheres[:, 3] > 0).all() and (spheres[:, 3] < 0.5).all()
