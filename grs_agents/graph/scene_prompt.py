@@ -5,7 +5,6 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-import trimesh
 
 from grs_agents.base import Pose
 from grs_agents.library.asset import Asset
@@ -113,6 +112,8 @@ def _lean_angle(asset: Asset, pose: Pose, library: Library, is_uneven: bool) -> 
     """
     turn = matrix_from_quaternion(pose[1])
     if is_uneven:
+        import trimesh  # takes .4 s, and few scenes need it
+
         corners = visual_triangle_corners(asset.name, library).reshape(-1, 3) @ turn.T
         to_box, tilted = trimesh.bounds.oriented_bounds(corners)
         _, level = trimesh.bounds.oriented_bounds_2D(corners[:, :2])
