@@ -3,10 +3,12 @@
 from collections.abc import Iterable
 from typing import Any, Final
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose
+from grs_agents.base.geometry.hulls import hull_half_spaces
 from grs_agents.library.asset import Asset
 from grs_agents.library.library import Library
 from grs_agents.library.posed_meshes import visual_triangle_corners
@@ -112,15 +114,34 @@ def _lean_angle(asset: Asset, pose: Pose, library: Library, is_uneven: bool) -> 
     """
     turn = matrix_from_quaternion(pose[1])
     if is_uneven:
-        import trimesh  # takes .4 s, and few scenes need it
-
         corners = visual_triangle_corners(asset.name, library).reshape(-1, 3) @ turn.T
-        to_box, tilted = trimesh.bounds.oriented_bounds(corners)
-        _, level = trimesh.bounds.oriented_bounds_2D(corners[:, :2])
-        if np.prod(tilted) < _FILLED * np.prod(level) * np.ptp(corners[:, 2]):
-            turn = np.linalg.inv(to_box)[:3, :3]
+        volume, axes = _least_box(corners, hull_half_spaces(corners)[:, :3])
+        level_volume, _ = _least_box(corners, np.array([[0.0, 0.0, 1.0]]))
+        if volume < _FILLED * level_volume:
+            turn = axes
     angle = round(float(np.degrees(np.arccos(min(1.0, np.abs(turn[2]).max())))))
     return angle if angle >= _LEANING else 0
+
+
+def _least_box(
+    points: npt.NDArray[np.float64], normals: npt.NDArray[np.float64]
+) -> tuple[float, npt.NDArray[np.float64]]:
+    """Find the least box around points (N, 3) that has a side along one of the unit normals (K, 3).
+
+    Returns:
+        Its volume (m^3), and its axes as the columns of a rotation (3, 3).
+    """
+    volume, axes = np.inf, np.eye(3)
+    for normal in normals:
+        first = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
+        first /= np.linalg.norm(first)
+        second = np.cross(normal, first)
+        _, (width, length), angle = cv2.minAreaRect((points @ np.column_stack([first, second])).astype(np.float32))
+        size = width * length * float(np.ptp(points @ normal))
+        if size < volume:
+            along = np.cos(np.radians(angle)) * first + np.sin(np.radians(angle)) * second
+            volume, axes = size, np.column_stack([along, np.cross(normal, along), normal])
+    return volume, axes
 
 
 def _flat_top_share_of_footprint(asset: Asset, pose: Pose, library: Library) -> float:
