@@ -7,7 +7,7 @@ import struct
 import tarfile
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Sequence
 from pathlib import Path
 
 from numpy.lib import format as npy
@@ -67,7 +67,10 @@ def png(file: Path, width: int, height: int, *, rows: int | None = None) -> Path
 
 def tiff(file: Path, width: int, height: int, unpacked_megabytes: int) -> Path:
     """A grey picture in one strip, deflated, that unpacks to more than its pixels."""
-    strip = zlib.compress(bytes(unpacked_megabytes << 20), 9)
+    packer = zlib.compressobj(9)
+    head, again = (packer.compress(bytes(1 << 20)) + packer.flush(zlib.Z_FULL_FLUSH) for _ in range(2))
+    check = ((unpacked_megabytes << 20) % 65521 << 16) | 1  # Adler-32 of zeros
+    strip = head + again * (unpacked_megabytes - 1) + b"\3\0" + struct.pack(">I", check)
     entries = [
         *((256, 4, 1, width), (257, 4, 1, height), (258, 3, 1, 8), (259, 3, 1, 8), (262, 3, 1, 1)),
         *((273, 4, 1, 200), (277, 3, 1, 1), (278, 4, 1, height), (279, 4, 1, len(strip))),
@@ -83,10 +86,10 @@ def _tar_header(name: bytes, size: int, kind: bytes) -> bytes:
     return info.tobuf(tarfile.GNU_FORMAT)
 
 
-def _write_gzip(file: Path, pieces: Iterator[bytes]) -> Path:
-    with gzip.open(file, "wb", 9) as packed:
-        for piece in pieces:
-            packed.write(piece)
+def _write_gzip(file: Path, pieces: Sequence[bytes]) -> Path:
+    """A member of the file for each piece; equal pieces are packed once."""
+    packed = {piece: gzip.compress(piece, 9) for piece in dict.fromkeys(pieces)}
+    file.write_bytes(b"".join(packed[piece] for piece in pieces))
     return file
 
 
@@ -94,19 +97,19 @@ def long_names_tar(file: Path, count: int, length: int) -> Path:
     """A tar.gz of ``count`` empty files, each with a name of ``length`` letters in a header of its own."""
     name = b"a" * length + b"\0"
     header = _tar_header(b"././@LongLink", len(name), b"L") + name.ljust(-(-len(name) // 512) * 512, b"\0")
-    return _write_gzip(file, iter([(header + _tar_header(b"a", 0, b"0")) * 16] * (count // 16)))
+    return _write_gzip(file, [(header + _tar_header(b"a", 0, b"0")) * 16] * (count // 16))
 
 
 def one_long_name_tar(file: Path, megabytes: int) -> Path:
     """A tar.gz with one name of so many megabytes."""
     pieces = [_tar_header(b"././@LongLink", megabytes << 20, b"L"), *[b"a" * (1 << 20)] * megabytes]
-    return _write_gzip(file, iter([*pieces, _tar_header(b"a", 0, b"0"), bytes(1024)]))
+    return _write_gzip(file, [*pieces, _tar_header(b"a", 0, b"0"), bytes(1024)])
 
 
 def passed_over_tar(file: Path, megabytes: int) -> Path:
     """A tar.gz with one file that nobody wants."""
     pieces = [_tar_header(b"a.iso", megabytes << 20, b"0"), *[bytes(1 << 20)] * megabytes]
-    return _write_gzip(file, iter([*pieces, bytes(1024)]))
+    return _write_gzip(file, [*pieces, bytes(1024)])
 
 
 def zip_of_zeros(file: Path, name: str, method: int, megabytes: int) -> Path:

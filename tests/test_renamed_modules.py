@@ -24,15 +24,36 @@ EARLIER = {
 }
 
 
-@pytest.mark.parametrize("names", [tuple(EARLIER), *(pytest.param((name,), marks=SLOW) for name in EARLIER)])
-def test_an_earlier_name_gives_the_module_of_today(names: tuple[str, ...]) -> None:
+PROBES = [
+    f"import grs_agents.{earlier} as earlier; from grs_agents.{earlier} import {name}\n"
+    f"import grs_agents.{now} as now; assert earlier is now and now.{name} is {name}"
+    for earlier, (now, name) in EARLIER.items()
+]
+FIRST = """
+import os, sys
+import cv2, langgraph.graph, mujoco, numpy, pydantic, scipy.spatial
+
+for probe in PROBES:
+    if (child := os.fork()) == 0:
+        assert "grs_agents" not in sys.modules
+        exec(probe)
+        os._exit(0)
+    if os.waitpid(child, 0)[1]:
+        sys.exit(probe)
+"""
+"""Each in a child of a process that has imported nothing but packages of others."""
+
+
+@pytest.mark.parametrize(
+    "program",
+    [
+        pytest.param("\n".join(PROBES), id="all"),
+        pytest.param(FIRST.replace("PROBES", repr(PROBES)), id="first", marks=SLOW),
+    ],
+)
+def test_an_earlier_name_gives_the_module_of_today(program: str) -> None:
     """All after each other in one process, and each as the first that a process imports."""
-    probes: list[str] = []
-    for earlier in names:
-        now, name = EARLIER[earlier]
-        probes.append(f"import grs_agents.{earlier} as earlier; from grs_agents.{earlier} import {name}")
-        probes.append(f"import grs_agents.{now} as now; assert earlier is now and now.{name} is {name}")
-    subprocess.run([sys.executable, "-c", "\n".join(probes)], check=True)
+    subprocess.run([sys.executable, "-c", program], check=True)
 
 
 def test_a_name_that_never_was_is_not_found() -> None:

@@ -23,14 +23,18 @@ from tests.needs import needs
 from tests.slow import SLOW
 
 Json = dict[str, Any]
-CLIENTS = [
-    pytest.param(name, marks=[needs(provider.module.partition(".")[0]), *([SLOW] * (name != "openai"))])
+PACKAGES = {
+    name: provider.module.partition(".")[0]
     for name, provider in PROVIDERS.items()
     if provider.http_client
     and provider.url_argument
     and all(earlier is not provider for earlier in list(PROVIDERS.values())[: list(PROVIDERS).index(name)])
     # two ask their cloud for a token first, the third retries by itself
     and name not in ("bedrock_mantle_openai", "google_anthropic_vertex", "cohere")
+}
+"""The package of each provider that has a client of its own."""
+CLIENTS = [
+    pytest.param(name, marks=[needs(package), *([SLOW] * (name != "openai"))]) for name, package in PACKAGES.items()
 ]
 PATHS = {
     "/messages": "anthropic",
@@ -265,22 +269,31 @@ MEMORY = """
 import re, sys
 from pathlib import Path
 from tests.models.test_failures import ask
-kinds = [ask(sys.argv[1], url, 60.0)[0].kind for url in sys.argv[2:] for _ in range(2)]
+urls, providers = sys.argv[1:3], sys.argv[3:]
+kinds = [ask(name, url, 60.0)[0].kind for name in providers for url in urls for _ in range(2)]
 print(*kinds, int(re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[1]) // 1024)
 """
 
 
 @needs("64-bit linux")
-@pytest.mark.parametrize("provider", CLIENTS)
-def test_huge_answers_cost_little_memory(provider: str) -> None:
+@pytest.mark.parametrize(
+    "package",
+    [
+        pytest.param(package, marks=[needs(package), *([SLOW] * (package != "langchain_openai"))])
+        for package in dict.fromkeys(PACKAGES.values())
+    ],
+)
+def test_huge_answers_cost_little_memory(package: str) -> None:
+    """All clients of a package in one process, whose peak is that of the worst."""
+    providers = [name for name in PACKAGES if PACKAGES[name] == package]
     with serve("endless") as blank, serve("endless entries") as entries:
         done = subprocess.run(
-            [sys.executable, "-c", MEMORY, provider, blank.url, entries.url],
+            [sys.executable, "-c", MEMORY, blank.url, entries.url, *providers],
             capture_output=True,
             text=True,
             check=True,
             env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
         )
     *kinds, megabytes = done.stdout.split()
-    assert kinds == ["too_long"] * 4
+    assert kinds == ["too_long"] * 4 * len(providers)
     assert int(megabytes) < 300

@@ -66,10 +66,13 @@ def ask(work: Callable[[], Awaitable[None]]) -> None:
 
 
 def test_on_stdio_a_photo_becomes_a_run_and_an_instance_is_solved(small_scene: Path, task: Path) -> None:
-    """One server for both, since it takes seconds to start."""
+    """One server for all, since it takes seconds to start."""
+    (task.parent / "secret.txt").write_text("canary", "utf-8")
+    (task.parent / "runs" / "stray").mkdir(parents=True)
 
     async def work() -> None:
         async with on_stdio(task.parent) as client:
+            await assert_a_run_tells_its_steps_and_its_folder_is_a_resource(client, small_scene, task.parent)
             await assert_a_photo_becomes_a_run(client, small_scene)
             await assert_an_instance_is_solved(client, task)
             await assert_wrong_arguments_are_told_in_one_line(client)
@@ -123,33 +126,30 @@ async def read(client: Client, uri: str) -> str:
     return part.text
 
 
-def test_a_run_tells_its_steps_and_its_folder_is_a_resource(tmp_path: Path, small_scene: Path) -> None:
+async def assert_a_run_tells_its_steps_and_its_folder_is_a_resource(
+    client: Client, small_scene: Path, folder: Path
+) -> None:
+    """What lies outside of the run's folder, or is linked to from it, is no resource."""
     steps: list[str | None] = []
 
     async def note(progress: float, total: float | None, message: str | None) -> None:
         steps.append(message)
 
-    async def work() -> None:
-        async with on_stdio(tmp_path) as client:
-            made = await client.call_tool("run", {"photo": str(small_scene), "seed": 3}, progress_callback=note)
-            assert made.structured_content is not None, text_of(made)
-            assert made.structured_content["status"] == "accepted" and made.structured_content["task"]
-            name = Path(made.structured_content["folder"]).name
-            assert [row["uri"] for row in json.loads(await read(client, "grs://runs"))] == [f"grs://runs/{name}"]
-            told = json.loads(await read(client, f"grs://runs/{name}"))
-            assert told["run"]["seeds"][0] == 3 and "instances/seed_3.json" in told["files"]
-            assert "class " in await read(client, f"grs://runs/{name}/simulation.py")
-            assert json.loads(await read(client, f"grs://runs/{name}/instances/seed_3.json"))["seed"] == 3
-            (photo,) = (await client.read_resource(f"grs://runs/{name}/scene/rgb.png")).contents
-            assert isinstance(photo, BlobResourceContents) and photo.mime_type == "image/png"
-            (tmp_path / "runs" / name / "link.txt").symlink_to(tmp_path / "secret.txt")
-            for outside in ("../../secret.txt", "%2e%2e/%2e%2e/secret.txt", "link.txt", "none.txt"):
-                with pytest.raises(MCPError):
-                    await read(client, f"grs://runs/{name}/{outside}")
-
-    (tmp_path / "secret.txt").write_text("canary", "utf-8")
-    (tmp_path / "runs" / "stray").mkdir(parents=True)
-    ask(work)
+    made = await client.call_tool("run", {"photo": str(small_scene), "seed": 3}, progress_callback=note)
+    assert made.structured_content is not None, text_of(made)
+    assert made.structured_content["status"] == "accepted" and made.structured_content["task"]
+    name = Path(made.structured_content["folder"]).name
+    assert [row["uri"] for row in json.loads(await read(client, "grs://runs"))] == [f"grs://runs/{name}"]
+    told = json.loads(await read(client, f"grs://runs/{name}"))
+    assert told["run"]["seeds"][0] == 3 and "instances/seed_3.json" in told["files"]
+    assert "class " in await read(client, f"grs://runs/{name}/simulation.py")
+    assert json.loads(await read(client, f"grs://runs/{name}/instances/seed_3.json"))["seed"] == 3
+    (photo,) = (await client.read_resource(f"grs://runs/{name}/scene/rgb.png")).contents
+    assert isinstance(photo, BlobResourceContents) and photo.mime_type == "image/png"
+    (folder / "runs" / name / "link.txt").symlink_to(folder / "secret.txt")
+    for outside in ("../../secret.txt", "%2e%2e/%2e%2e/secret.txt", "link.txt", "none.txt"):
+        with pytest.raises(MCPError):
+            await read(client, f"grs://runs/{name}/{outside}")
     assert steps[:2] == ["read", "find_table"] and steps[-1] == "conclude"
 
 
@@ -189,22 +189,6 @@ def test_a_client_that_leaves_ends_the_server_without_a_word(tmp_path: Path, how
         assert server.wait(100) == (130 if how.startswith("by ") else 0)
         assert server.stderr is not None
         assert server.stderr.read() == b""
-
-
-def test_a_run_whose_client_leaves_is_interrupted(tmp_path: Path, small_scene: Path) -> None:
-    call = {"name": "run", "arguments": {"photo": str(small_scene)}, "_meta": {"progressToken": "steps"}}
-    with server_on_pipes(tmp_path) as server:
-        assert server.stdin is not None and server.stdout is not None and server.stderr is not None
-        say(server, INITIALIZE)
-        server.stdout.readline()
-        say(server, {"method": "notifications/initialized"})
-        say(server, {"id": 2, "method": "tools/call", "params": call})
-        assert b'"find_table"' in (server.stdout.readline() + server.stdout.readline())
-        server.stdin.close()
-        server.stdout.close()
-        assert (server.wait(100), server.stderr.read()) == (0, b"")
-    (record,) = tmp_path.glob("runs/*/run.json")
-    assert json.loads(record.read_text("utf-8"))["status"] == "interrupted"
 
 
 @pytest.mark.parametrize(
@@ -289,7 +273,10 @@ NO_MESSAGES = {
 }
 
 
-def test_a_line_that_is_no_message_is_answered_by_an_error_and_the_server_goes_on(tmp_path: Path) -> None:
+def test_a_line_that_is_no_message_is_answered_by_an_error_and_a_run_whose_client_leaves_is_interrupted(
+    tmp_path: Path, small_scene: Path
+) -> None:
+    call = {"name": "run", "arguments": {"photo": str(small_scene)}, "_meta": {"progressToken": "steps"}}
     with server_on_pipes(tmp_path) as server:
         assert server.stdin is not None and server.stdout is not None and server.stderr is not None
         for line, (code, word, number) in NO_MESSAGES.items():
@@ -300,5 +287,11 @@ def test_a_line_that_is_no_message_is_answered_by_an_error_and_the_server_goes_o
             assert word in answer["error"]["message"]
         say(server, INITIALIZE)
         assert json.loads(server.stdout.readline())["result"]["serverInfo"]["name"] == "grs"
+        say(server, {"method": "notifications/initialized"})
+        say(server, {"id": 2, "method": "tools/call", "params": call})
+        assert b'"find_table"' in (server.stdout.readline() + server.stdout.readline())
         server.stdin.close()
+        server.stdout.close()
         assert (server.wait(100), server.stderr.read()) == (0, b"")
+    (record,) = tmp_path.glob("runs/*/run.json")
+    assert json.loads(record.read_text("utf-8"))["status"] == "interrupted"

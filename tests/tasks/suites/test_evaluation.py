@@ -294,6 +294,7 @@ def test_a_robot_waits_for_replies_as_long_as_it_is_told(suite_folder: Path, tmp
     assert rows[0].steps > 4 * prompt[0].steps  # five waiting periods of 40 ms for each action
 
 
+@pytest.mark.usefixtures("brief_films")
 def test_the_command_prints_figures_and_processes_agree(suite_folder: Path, tmp_path: Path) -> None:
     options = ("evaluate", str(suite_folder), "--policy", "random", "--episodes", "1", "--json", "--out")
     first, second = (
