@@ -14,7 +14,7 @@ from grs_agents.sim.hands.hand import ROBOT_CONTYPE, Hand
 from grs_agents.sim.hands.suction_cup import SUCTION_CUP
 
 TIPS: Final = ("tip", "tool0", "attachment_site", "ee", "end_effector", "flange", "tcp")
-"""Site names for the hand, in order of preference; without any, the frame of the last body."""
+"""Site names for the hand, in order of preference; without any, the frame of the last body before the fingers."""
 _MOST_JOINTS: Final = 12
 _PREFIX: Final = "arm_"
 _STIFFNESS, _TORQUE = 3000.0, 200.0
@@ -83,7 +83,18 @@ def _find_tip_body_and_site(spec: Any, path: Path) -> tuple[Any, Any | None]:
     bodies: list[Any] = list(spec.bodies)
     if len(bodies) < 2:
         raise InputError(f"robot {path}: there is no body", "give an arm: bodies one inside the other, with joints")
-    return max(bodies, key=lambda body: len(_body_and_ancestors(body))), None
+    return _carrier_of_fingers(max(bodies, key=lambda body: len(_body_and_ancestors(body)))), None
+
+
+def _carrier_of_fingers(last: Any) -> Any:
+    """The body that carries the fingers on which a chain ends: the last to fork into moving bodies, below a joint.
+    Without fingers, the last body."""
+    ancestors = _body_and_ancestors(last)
+    for index, body in enumerate(ancestors[1:], start=1):
+        moving = [child for child in body.bodies if any(part.joints for part in (child, *child.find_all("body")))]
+        if len(moving) > 1 and any(part.joints for part in ancestors[index:]):
+            return body
+    return last
 
 
 def _body_and_ancestors(body: Any) -> list[Any]:

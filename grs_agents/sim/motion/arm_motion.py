@@ -57,7 +57,7 @@ class ArmMotion:
         self.physics, self.look, self.names = physics, look, names
         self.obstacles = look()
         self.arm = physics.arm
-        self.yaw, self.tilt = split_into_yaw_and_tilt(physics.suction_tip_rotation())
+        self.yaw, self.tilt = split_into_yaw_and_tilt(physics.tip_rotation())
         self._hindrance, self._descended = "", False
 
     def _payload(self, held: int) -> Payload | None:
@@ -144,7 +144,7 @@ class ArmMotion:
         stop = descent.stop if descent is not None and self._descended else None
         ended = physics.follow_joint_path(*legs, stop=stop, spacing=WAYPOINT_STEPS)
         if physics.held_object_id != held:
-            self.yaw, self.tilt = split_into_yaw_and_tilt(physics.suction_tip_rotation())
+            self.yaw, self.tilt = split_into_yaw_and_tilt(physics.tip_rotation())
             return False
         if not ended:
             physics.wait_for_joint_positions(legs[-1][-1])

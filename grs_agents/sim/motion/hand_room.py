@@ -27,7 +27,7 @@ class HandRoom:
         self._model: Any = copy.copy(physics.model)
         self._data: Any = mujoco.MjData(self._model)
         model = self._model
-        self._hand = world.cup_body
+        self._hand = world.hand_body
         robot = model.geom_contype == ROBOT_CONTYPE
         solid = (model.geom_contype != 0) & ~robot
         model.geom_contype[solid], model.geom_conaffinity[solid] = 0, ROBOT_CONTYPE

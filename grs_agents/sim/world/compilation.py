@@ -50,7 +50,7 @@ class World:
     addresses: dict[int, int]  # id of a rigid object to the start of its 7 positions in ``qpos``
     owners: tuple[int, ...]  # geom id to object id, -1 for the table and the robot
     cup_geom: int  # of the suction cup, or of the spatula that replaces it; -1 for a hand with fingers
-    cup_body: int  # body at the flange: of the cup, or of the hand
+    hand_body: int  # body at the flange: of the cup, or of the hand
     tip_site: int
     arm: Arm  # its joints are the first positions, speeds and controls
     # ids of objects in point ties, as in ropes: they hang freely from the cup
@@ -125,7 +125,7 @@ def compile_world(made: WorldSpec) -> World:
         addresses={number: int(model.joint(f"object_{number}").qposadr[0]) for number in made.free},
         owners=tuple(owner_of.get(int(body), -1) for body in model.geom_bodyid),
         cup_geom=int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, "cup")),
-        cup_body=int(model.body(made.arm.hand.body).id),
+        hand_body=int(model.body(made.arm.hand.body).id),
         tip_site=int(model.site("tip").id),
         arm=made.arm,
         fingers=_index_fingers(model, made.arm.hand),

@@ -127,7 +127,7 @@ class Physics:
         """Position of the tip, metres."""
         return transforms.to_vec3(self.data.site_xpos[self.world.tip_site])
 
-    def suction_tip_rotation(self) -> Quat:
+    def tip_rotation(self) -> Quat:
         """Rotation of the tool from straight down, xyzw."""
         matrix = np.asarray(self.data.site_xmat[self.world.tip_site]).reshape(3, 3) @ DOWN
         rotation = np.empty(4)

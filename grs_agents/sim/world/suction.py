@@ -48,7 +48,7 @@ class Cup(Grip):
     def grasp(self, number: int) -> None:
         """Switch suction on: the object keeps its present pose relative to the cup; a rope's bead may rotate."""
         world, data = self._world, self._data
-        weld, cup, body = world.welds[number], world.cup_body, world.bodies[number]
+        weld, cup, body = world.welds[number], world.hand_body, world.bodies[number]
         self.nozzle = world.nozzle_for_object(number)
         back, relative, rotation = np.empty(4), np.empty(3), np.empty(4)
         mujoco.mju_negQuat(back, data.xquat[cup])

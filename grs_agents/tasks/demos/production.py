@@ -329,7 +329,7 @@ class Replayer:
         scene, on_tip = self._photographer.scene, name == "wrist"
         pose = scene.pose(name, physics)
         if on_tip:
-            turn = transforms.quaternion_to_matrix(physics.suction_tip_rotation())
+            turn = transforms.quaternion_to_matrix(physics.tip_rotation())
             pose = np.linalg.inv(pose_matrix(turn, np.array(physics.tip_position))) @ pose
         height, width = self._photographer.size
         return CameraModel(

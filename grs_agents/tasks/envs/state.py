@@ -84,7 +84,7 @@ class StateReader:
         flat, parts = np.zeros(len(self._low), dtype=np.float32), self._slices
         start = parts["tip"].start
         flat[:dof], flat[dof : 2 * dof] = data.qpos[:dof], data.qvel[:dof]
-        flat[start : start + 3], flat[start + 3 : start + 7] = tip, physics.suction_tip_rotation()
+        flat[start : start + 3], flat[start + 3 : start + 7] = tip, physics.tip_rotation()
         flat[parts["suction"]] = held is not None
         if row >= 0:
             flat[parts["held"].start + row] = 1.0

@@ -140,6 +140,18 @@ def test_a_users_arm_keeps_its_limits_and_torques_and_its_gripper_stands_still(g
     assert env.observation["color"][0].shape == (480, 640, 3)
 
 
+def test_two_fingers_at_the_end_of_a_users_arm_are_no_joints_of_it(tmp_path) -> None:
+    finger = (
+        '<body name="{0}" pos="0.05 0 0"><joint name="{0}" type="slide" range="0 0.02"/><geom size="0.005"/></body>'
+    )
+    file = tmp_path / "arm.xml"
+    start, rest = GANTRY.split('<site name="attachment_site" pos="0 0 0.02"/>')
+    file.write_text(start + finger.format("second") + rest.replace('"0.4 0 -0.5 0 0"', '"0.4 0 -0.5 0 0 0"'))
+    env = block_at(0.4, -0.3, str(file))
+    assert env.arm.dof == 4
+    assert env.pick_place(at(0.4, -0.3, 0.04), at(0.5, 0.3, 0.04)).note == "placed"
+
+
 def test_degrees_in_a_users_file_are_degrees(tmp_path) -> None:
     file = tmp_path / "degrees.xml"
     file.write_text(GANTRY.replace('<compiler angle="radian"/>', "").replace('"-6 6"', '"-340 340"'))

@@ -19,7 +19,7 @@ def env(tmp_path) -> Environment:
 def test_the_arm_moves_to_a_pose_and_home_again(env) -> None:
     assert not env.movep(((0.5, -0.2, 0.3), utils.eulerXYZ_to_quatXYZW((0, 0, 0.5))))
     assert env.physics.tip_position == pytest.approx((0.5, -0.2, 0.3), abs=0.004)
-    assert utils.yaw_of(env.physics.suction_tip_rotation()) == pytest.approx(0.5, abs=0.02)
+    assert utils.yaw_of(env.physics.tip_rotation()) == pytest.approx(0.5, abs=0.02)
     assert not env.movej(env.homej)
     assert env.physics.joint_positions == pytest.approx(env.homej, abs=0.01)
 
@@ -50,7 +50,7 @@ def test_the_arm_moves_to_a_tilted_pose(env) -> None:
     rotation = utils.eulerXYZ_to_quatXYZW((0.4, 0.2, 0.7))
     assert not env.movep(((0.5, -0.1, 0.25), rotation))
     assert env.physics.tip_position == pytest.approx((0.5, -0.1, 0.25), abs=0.005)
-    assert abs(np.dot(env.physics.suction_tip_rotation(), rotation)) > 0.9995
+    assert abs(np.dot(env.physics.tip_rotation(), rotation)) > 0.9995
 
 
 def test_configured_cameras_see_what_the_observation_shows(env) -> None:

@@ -9,7 +9,7 @@ from grs_agents.base.errors import ConfigError, UnknownNameError
 from grs_agents.library.library import Library
 from grs_agents.sim import Environment, TaskInstance
 from grs_agents.sim.arms.registry import get_arm
-from grs_agents.sim.hands.registry import get_hand
+from grs_agents.sim.hands.registry import HANDS, get_hand
 from grs_agents.sim.hands.two_fingers import FRANKA_HAND, ROBOTIQ_2F85
 from grs_agents.sim.instance.episode import SimulationError
 from grs_agents.sim.instance.task_instance import InstanceObject, hash_instance, parse_instance_json
@@ -101,3 +101,10 @@ def test_pushing_takes_the_spatula_in_place_of_the_fingers() -> None:
 def test_viewers_draw_the_fingers(robot: str, hand: str) -> None:
     arm = get_arm(robot, hand)
     assert {"hand", "left_finger", "right_finger"} <= build_robot_meshes(arm).keys() & set(arm.link_names)
+
+
+def test_configuration_accepts_the_names_of_all_hands() -> None:
+    assert [load_config(None, [f"hand={name}"]).config.hand for name in HANDS] == list(HANDS)
+    with pytest.raises(ConfigError) as refused:
+        load_config(None, ["hand=claw"])
+    assert all(name in str(refused.value) for name in HANDS)
