@@ -41,9 +41,16 @@ def test_the_router_loops_until_the_audit() -> None:
 
 
 def test_the_whole_graph_alone_may_revise_its_task() -> None:
-    assert [name for name in GRAPHS if "fix_task" in drawn(name)[0]] == ["grs", "tool_author"]
+    assert [name for name in GRAPHS if "fix_task" in drawn(name)[0]] == ["grs", "grs_review", "tool_author"]
     _, edges = drawn("grs")
     assert {("route", "fix_task"), ("fix_task", "generate_sim"), ("fix_task", "run_tests")} <= edges
+
+
+def test_a_person_is_asked_for_the_edits_of_a_scene_in_the_graph_with_review_alone() -> None:
+    assert [name for name in GRAPHS if "review" in drawn(name)[0]] == ["grs_review"]
+    _, edges = drawn("grs_review")
+    assert {("settle", "review"), ("read", "review"), ("review", "edit"), ("edit", "generate_task")} <= edges
+    assert {("settle", "edit"), ("read", "edit"), ("edit", "generate_task")} <= drawn("grs")[1]
 
 
 def test_two_authors_work_side_by_side() -> None:

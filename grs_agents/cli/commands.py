@@ -22,6 +22,7 @@ from grs_agents.cli.options import (
     DemosOut,
     DepthScale,
     Distractors,
+    Edits,
     Episodes,
     Friction,
     Hand,
@@ -147,6 +148,7 @@ def run(
     seed: Seed = None,
     out: Out = None,
     resume: Resume = False,
+    edits: Edits = None,
     json: Json = False,
     unsafe: Unsafe = False,
     record: Record = None,
@@ -161,7 +163,7 @@ def run(
     settings = add_robot_settings(add_camera_settings(settings, camera, depth_scale), robot, hand)
     chosen = load_effective_config(config, settings, seed, unsafe)
     named = scene or find_unnamed_scene(out if resume else None, cassette)
-    sys.exit(run_graph("run", named, chosen, out, resume, json, view, otel, recorded_source=resume and scene is None))
+    sys.exit(run_graph("run", named, chosen, out, resume, json, view, otel, resume and scene is None, edits))
 
 
 @app.command(rich_help_panel="Make")
@@ -176,6 +178,7 @@ def scene(
     hand: Hand = None,
     seed: Seed = None,
     out: Out = None,
+    edits: Edits = None,
     json: Json = False,
 ) -> None:
     """Comprehend a photo alone: its objects, their boxes and assets."""
@@ -185,7 +188,7 @@ def scene(
     settings = add_robot_settings(settings, robot, hand)
     check_graph_is_scene(load_effective_config(config, settings, seed))
     chosen = load_effective_config(config, [*settings, "graph=scene"], seed)
-    sys.exit(run_graph("scene", scene, chosen, out, False, json))
+    sys.exit(run_graph("scene", scene, chosen, out, False, json, edits=edits))
 
 
 @app.command(rich_help_panel="Make")

@@ -21,6 +21,7 @@ from grs_agents.base.foreign.files import read_json
 from grs_agents.base.questions import Question, require_reply_is_a_choice
 from grs_agents.base.terminal import print_escaped, print_json
 from grs_agents.perception.coverage import describe_coverage
+from grs_agents.perception.edits import read_edits
 from grs_agents.perception.reading.scene_source import resolve_scene_path
 from grs_agents.perception.types import SceneDescription, read_scene_description
 from grs_agents.runs.execution import WAITING, UnexpectedError, Views, execute_run
@@ -41,9 +42,12 @@ def run_graph(
     view: bool = False,
     otel: bool = False,
     recorded_source: bool = False,
+    edits: Path | None = None,
 ) -> int:
     """Run the configured graph with recording and live progress, and print the outcome."""
-    order = RunOrder(command, resolve_scene_path(scene), config, out, resume, recorded_source=recorded_source)
+    given = {} if edits is None else {"edits": read_edits(edits)}
+    source = resolve_scene_path(scene)
+    order = RunOrder(command, source, config, out, resume, given, recorded_source=recorded_source)
     return run_until_ended_and_print(order, scene, as_json, partial(attach_live_views, view=view, otel=otel))
 
 

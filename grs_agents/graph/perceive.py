@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from pydantic import ValidationError
 
 from grs_agents.base.config.schema import ToolsConfig
 from grs_agents.base.errors import GrsError, InputError
 from grs_agents.base.foreign.run_folder import find_member_file
-from grs_agents.base.trace.events import Note, SceneStage
+from grs_agents.base.trace.events import Event, Note, SceneStage
 from grs_agents.base.trace.log import read_events
 from grs_agents.graph.bystanders import prepare_scene_for_tasks
 from grs_agents.graph.placement import (
@@ -36,6 +37,7 @@ from grs_agents.perception.depth_quality import (
     remove_stray_light,
     smooth_depth_noise,
 )
+from grs_agents.perception.edits import plane_number_at
 from grs_agents.perception.object_finding import find_objects
 from grs_agents.perception.picture_files import load_mask, round_depth_as_saved, save_candidates, save_frame, write_png
 from grs_agents.perception.reading.bop import is_bop_source
@@ -51,6 +53,7 @@ from grs_agents.perception.table_finding import describe_table_doubts
 from grs_agents.perception.table_finding import find_table as find_table_in_frame
 from grs_agents.perception.twin_picture import save_twin_picture
 from grs_agents.perception.types import (
+    Camera,
     Candidate,
     DroppedCandidate,
     Image,
@@ -125,9 +128,12 @@ def read_photo_into_run(state: RunState, services: Services) -> Update:
             if isinstance(event, SceneStage):
                 services.log.append(SceneStage(stage=event.stage, summary=event.summary, files=event.files))
         services.log.append(Note(text=f"the scene is that of {source}, as it was made there"))
-        require_movable_object(scene)
-        named = find_member_file(services.folder, NAMED)
-        return {"scene": scene, "image": scene.image if named is None else NAMED}
+        if "edits" not in state:
+            log_edits(scene, services)
+        image = scene.image if find_member_file(services.folder, NAMED) is None else NAMED
+        if "edits" not in state:
+            require_movable_object(scene)
+        return {"scene": scene, "image": image}
 
     def estimate_depth(rgb: Image, focal: float | None, photo: str) -> DepthEstimate:
         return services.run_tool(config.tools.depth, rgb=rgb, focal=focal, photo=photo, model=config.depth.model)
@@ -156,6 +162,18 @@ def read_photo_into_run(state: RunState, services: Services) -> Update:
     return {"notes": notes, "image": files["rgb"], "camera": frame.camera}
 
 
+def find_recorded_camera(events: Sequence[Event], source: str) -> Camera:
+    """The camera of a run's photo, by its events. Raises InputError if they hold none."""
+    for event in events:
+        if isinstance(event, SceneStage) and event.stage == "frame":
+            try:
+                return Camera.model_validate(event.summary.get("camera"))
+            except ValidationError as error:
+                problem = f"{source}: the camera of its photo: {error.errors(include_url=False)[0]['msg']}"
+                raise InputError(problem, "name the photo instead") from error
+    raise InputError(f"{source} does not hold the camera of its photo", "name the photo instead")
+
+
 def _require_scene_of_user(source: Path, services: Services) -> None:
     """Raise InputError if only the run folder, which may be foreign, names a scene outside of itself."""
     inside = Path(os.path.realpath(split_choice(source)[0])).is_relative_to(services.folder)
@@ -166,16 +184,24 @@ def _require_scene_of_user(source: Path, services: Services) -> None:
     raise InputError(found, f"if you mean that scene, name it: {again}")
 
 
-def next_step_after_read(state: RunState) -> Literal["find_table", "done"]:
-    """The edge after ``read``: a known scene ends perception."""
-    return "done" if state.get("scene") else "find_table"
+def next_step_after_read(state: RunState) -> Literal["find_table", "edit", "done"]:
+    """The edge after ``read``: a known scene ends perception, or is edited."""
+    return next_step_after_settle(state) if state.get("scene") else "find_table"
+
+
+def next_step_after_settle(state: RunState) -> Literal["edit", "done"]:
+    """The edge after ``settle``: a scene with edits is corrected."""
+    return "edit" if "edits" in state else "done"
 
 
 @logged_node("find_table")
 def find_table(state: RunState, services: Services) -> Update:
     """Find the table's plane and its frame; the robot is placed once the objects are known."""
-    config = services.config
-    table = find_table_in_frame(services.load_photo(state), np.random.default_rng(config.seed), config.scene.table)
+    config, frame = services.config, services.load_photo(state)
+    table = find_table_in_frame(frame, np.random.default_rng(config.seed), config.scene.table)
+    if "edits" in state and (chosen := state["edits"].table) is not None:
+        number = plane_number_at(frame, table, chosen.point)
+        table = find_table_in_frame(frame, np.random.default_rng(config.seed), number)
     return {"table": table, "notes": [*state["notes"], *describe_table_doubts(table)]}
 
 
@@ -353,17 +379,24 @@ def settle_objects(state: RunState, services: Services) -> Update:
         table_texture=write_table_texture(photo, table, hidden, assets),
         coverage=coverage,
     )
-    scene = _prepare_scene_for_tasks(scene, services)
+    scene = prepare_scene_for_tasks_with_warnings(scene, services)
     scene.write(folder / "scene.json")
     files = save_twin_picture(scene, services.library, folder)
     files |= {} if coverage is None else {"coverage": coverage.picture}
     services.log.append(SceneStage(stage="matched", summary=dict(scene), files=files))
-    require_movable_object(scene)
+    if "edits" not in state:
+        require_movable_object(scene)
     named = draw_object_names(photo, {item.name: masks[item.id] for item in scene.objects}, folder)
     return {"scene": scene, "image": named}
 
 
-def _prepare_scene_for_tasks(scene: SceneDescription, services: Services) -> SceneDescription:
+def log_edits(scene: SceneDescription, services: Services) -> None:
+    """Log a note for each edit of a corrected scene."""
+    for line in scene.edits:
+        services.log.append(Note(text=f"corrected by a person: {line}"))
+
+
+def prepare_scene_for_tasks_with_warnings(scene: SceneDescription, services: Services) -> SceneDescription:
     """Hold or leave out the objects that the world of the tasks does not bear, with a warning for each."""
     try:
         scene = prepare_scene_for_tasks(scene, services.library, services.robot_name_or_path, services.config.hand)

@@ -109,9 +109,9 @@ def place_asset_or_proxy(item: TableObject, services: Services, taken: Sequence[
     if match is not None and match.match == "asset" and match.asset is not None:
         asset = services.library.asset(match.asset)
         position, orientation, size = fit_asset_to_box(item.upright, asset.size)
-        name = _unique_object_name(asset.kind, taken)
+        name = unique_object_name(asset.kind, taken)
     else:
-        name = name or _unique_object_name(f"{words.color} {words.category}", taken)
+        name = name or unique_object_name(f"{words.color} {words.category}", taken)
         proxy = primitive_proxy(item.shape, item.upright.size, item.color, item.hollow)
         asset = write_proxy(services.folder / "assets", name, proxy, words.description)
         position, orientation, size = item.upright.center, yaw_quaternion(item.upright.yaw), asset.size
@@ -138,7 +138,7 @@ def place_asset_or_proxy(item: TableObject, services: Services, taken: Sequence[
     return item.model_copy(update={"placed": placed})
 
 
-def _unique_object_name(words: str, taken: Sequence[str]) -> str:
+def unique_object_name(words: str, taken: Sequence[str]) -> str:
     """``words`` as a slug with the first number that makes it unique in the scene."""
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", words)
     slug = re.sub(r"[^a-z0-9]+", "_", spaced.lower()).strip("_")[:40] or "object"
@@ -202,7 +202,7 @@ def replace_misfit_assets(
             kept.append(item)
             continue
         placed = item.scene_object
-        scaled = _scale_to_measured_size(item, masks[item.id], photo, services) if _is_recognised(item) else None
+        scaled = scale_to_measured_size(item, masks[item.id], photo, services) if _is_recognised(item) else None
         if scaled is not None:
             kept.append(scaled)
             notes.append(f"{placed.name}: {scaled.scene_object.evidence}")
@@ -224,7 +224,7 @@ def _is_recognised(item: TableObject) -> bool:
     return match is not None and match.method != BY_FEATURES
 
 
-def _scale_to_measured_size(item: TableObject, mask: Mask, photo: Photo, services: Services) -> TableObject | None:
+def scale_to_measured_size(item: TableObject, mask: Mask, photo: Photo, services: Services) -> TableObject | None:
     """The object with a uniformly scaled copy of its asset, registered to the points of its ``mask`` (H, W).
 
     None if the ratios of the measured to the asset's extents differ, no plausible factor fits, or the copy does not

@@ -41,7 +41,8 @@ def scene_for_prompt(scene: SceneDescription, library: Library) -> dict[str, Any
     Left out are ``own_size`` if it is ``size``, ``reachable`` unless it is false, and ``hollow``, ``floats`` and
     ``uneven_top`` unless they are true; the top of a library asset is known by its name. ``cannot_be_picked`` is the
     reason why the robot failed to pick the object, or why no task may use it. What floats is on nothing that is known.
-    ``leans``: by how many degrees its nearest axis is off the vertical.
+    ``leans``: by how many degrees its nearest axis is off the vertical. ``mass`` (kg) and ``friction`` are those that a
+    person set.
     """
     objects: list[dict[str, Any]] = []
     for item in scene.objects:
@@ -61,6 +62,10 @@ def scene_for_prompt(scene: SceneDescription, library: Library) -> dict[str, Any
         }
         if np.abs(size - asset.size).max() > _TURNED:
             fields["own_size"] = _round_to_three_digits(asset.size)
+        if item.mass is not None:
+            fields["mass"] = item.mass
+        if item.friction is not None:
+            fields["friction"] = item.friction
         if not item.reachable:
             fields["reachable"] = False
         if item.held:

@@ -12,6 +12,7 @@ from grs_agents.base import Frozen
 from grs_agents.base.errors import InputError
 from grs_agents.base.trace.events import to_plain_json
 from grs_agents.graph.policies.types import EarlierDecision, RoutingDecision
+from grs_agents.perception.edits import SceneEdits
 from grs_agents.perception.types import (
     Camera,
     CandidateRecord,
@@ -177,6 +178,7 @@ class RunState(TypedDict):
     blur: str  # mask file of pixels beside candidates that have their depth, but not their colour
     dropped: list[DroppedCandidate]  # the segments that are no object, with the reasons
     background: str  # library name of the reconstructed background; empty if there is none
+    edits: SceneEdits  # of a person; missing without any
     scene: SceneDescription
     task: TaskDefinition
     drafts: Annotated[list[Draft], operator.add]  # of authors that compete
@@ -204,6 +206,7 @@ CHECKPOINTED_TYPES: Final[tuple[type[Frozen], ...]] = (
     TableFrame,
     TableObject,
     DroppedCandidate,
+    SceneEdits,
     SceneDescription,
     TaskDefinition,
     Draft,

@@ -5,6 +5,7 @@ The graph ``grs`` has all of them but the competing authors and the author with 
     START > read > find_table > segment > describe > match > register > settle    perception
                                 segment > group > describe                        with a model that sees pictures
                                           describe < register                     while residual candidates are left
+    settle, read > edit > generate_task                                           with the edits of a person
     settle > generate_task > generate_sim > generate_tests > run_tests            authors
     run_tests > audit > conclude > END                                            while tests and audit pass
     run_tests, audit > route > fix_code, fix_tests > run_tests                    while they fail and fixes are left
@@ -29,6 +30,7 @@ from grs_agents.graph.authoring import (
     next_step_after_author,
     next_steps_to_drafts,
 )
+from grs_agents.graph.editing import edit_scene, review_scene
 from grs_agents.graph.fixing import fix_code, fix_task, fix_tests
 from grs_agents.graph.grouping import group_candidates, next_step_after_segment
 from grs_agents.graph.judging import (
@@ -47,6 +49,7 @@ from grs_agents.graph.perceive import (
     match_candidates_to_assets,
     next_step_after_read,
     next_step_after_register,
+    next_step_after_settle,
     read_photo_into_run,
     register_assets_in_photo,
     segment_photo,
@@ -64,11 +67,12 @@ def empty_graph() -> RunGraph:
     return StateGraph(RunState, context_schema=Services)
 
 
-def add_perception(graph: RunGraph, then: str) -> None:
+def add_perception(graph: RunGraph, then: str, review: bool = False) -> None:
     """From the start to objects at rest in MuJoCo (paper, Scene Comprehension); the scene of another run is copied.
 
     A model that sees pictures regroups the segments before they are described. Residual candidates, which show once the
-    first objects are placed, are described and matched in a second pass.
+    first objects are placed, are described and matched in a second pass. The edits of a person correct the scene; with
+    ``review`` a person is asked for them.
     """
     graph.add_node("read", read_photo_into_run)
     graph.add_node("find_table", find_table)
@@ -78,16 +82,24 @@ def add_perception(graph: RunGraph, then: str) -> None:
     graph.add_node("match", match_candidates_to_assets)
     graph.add_node("register", register_assets_in_photo)
     graph.add_node("settle", settle_objects)
+    graph.add_node("edit", edit_scene)
+    settled = then
+    if review:
+        settled = "review"
+        graph.add_node("review", review_scene)
+        graph.add_conditional_edges("review", next_step_after_settle, {"edit": "edit", "done": then})
 
     graph.add_edge(START, "read")
-    graph.add_conditional_edges("read", next_step_after_read, {"find_table": "find_table", "done": then})
+    after_read: dict[Hashable, str] = {"find_table": "find_table", "edit": "edit", "done": settled}
+    graph.add_conditional_edges("read", next_step_after_read, after_read)
     graph.add_edge("find_table", "segment")
     graph.add_conditional_edges("segment", next_step_after_segment, ["group", "describe"])
     graph.add_edge("group", "describe")
     graph.add_edge("describe", "match")
     graph.add_edge("match", "register")
     graph.add_conditional_edges("register", next_step_after_register, ["describe", "settle"])
-    graph.add_edge("settle", then)
+    graph.add_conditional_edges("settle", next_step_after_settle, {"edit": "edit", "done": settled})
+    graph.add_edge("edit", then)
 
 
 def add_authors(graph: RunGraph, *names: str, then: str) -> None:

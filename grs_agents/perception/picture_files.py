@@ -56,21 +56,28 @@ def save_candidates_after_earlier(
     frame: RGBDFrame, candidates: Sequence[Candidate], earlier: Sequence[CandidateRecord], run: Path
 ) -> tuple[CandidateRecord, ...]:
     """As `save_candidates`; label image and annotated photo show the ``earlier`` candidates below the new."""
-    records: list[CandidateRecord] = []
-    for candidate in candidates:
-        mask, crop = f"scene/mask_{candidate.id:02d}.png", f"scene/crop_{candidate.id:02d}.png"
-        flags = (cv2.IMWRITE_PNG_BILEVEL, 1)  # three times as fast to read
-        write_png(run / mask, candidate.mask.view(np.uint8), *flags)
-        write_png(run / crop, cv2.cvtColor(candidate.crop, cv2.COLOR_RGB2BGR))
-        records.append(CandidateRecord.model_validate({**vars(candidate), "mask": mask, "crop": crop}))
+    records = tuple(save_candidate(candidate, run) for candidate in candidates)
     masks = {record.id: load_mask(run / record.mask) for record in earlier}
-    masks |= {candidate.id: candidate.mask for candidate in candidates}
+    save_label_pictures(frame, masks | {candidate.id: candidate.mask for candidate in candidates}, run)
+    return records
+
+
+def save_candidate(candidate: Candidate, run: Path) -> CandidateRecord:
+    """Write the mask and the crop of a candidate."""
+    mask, crop = f"scene/mask_{candidate.id:02d}.png", f"scene/crop_{candidate.id:02d}.png"
+    flags = (cv2.IMWRITE_PNG_BILEVEL, 1)  # three times as fast to read
+    write_png(run / mask, candidate.mask.view(np.uint8), *flags)
+    write_png(run / crop, cv2.cvtColor(candidate.crop, cv2.COLOR_RGB2BGR))
+    return CandidateRecord.model_validate({**vars(candidate), "mask": mask, "crop": crop})
+
+
+def save_label_pictures(frame: RGBDFrame, masks: Mapping[int, Mask], run: Path) -> None:
+    """Write the label image ``scene/masks.png`` and the annotated photo of masks (H, W) by number."""
     labels = np.zeros(frame.depth.shape, np.uint8)
     for number, mask in masks.items():
         labels[mask] = number
     write_png(run / "scene/masks.png", labels)
     write_png(run / "scene/annotated.png", cv2.cvtColor(draw_candidate_overlay(frame, masks), cv2.COLOR_RGB2BGR))
-    return tuple(records)
 
 
 def load_candidates(records: Sequence[CandidateRecord], run: Path) -> tuple[Candidate, ...]:

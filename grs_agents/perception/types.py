@@ -270,6 +270,9 @@ SEEN_TOO_SPARSELY: Final = "seen too sparsely"
 """Beginning of the `SceneObject.pick_trouble` of an object of which no task can be sure."""
 
 
+_SET_BY_PERSON: Final = ("mass", "friction")
+
+
 class SceneObject(Frozen):
     """An object of the scene, with its asset or proxy."""
 
@@ -301,6 +304,13 @@ class SceneObject(Frozen):
     match: MatchEvidence | None = None  # scores, runner-up and reason of the match
     # the measured box along its own axes; ``None`` in older descriptions
     upright: UprightBox | None = None
+    # set by a person: kg, and the coefficient of sliding friction
+    mass: Positive | None = None
+    friction: Positive | None = None
+
+    @model_serializer(mode="wrap")
+    def _leave_out_facts_not_set(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {key: value for key, value in dump(self).items() if value is not None or key not in _SET_BY_PERSON}
 
     @property
     def is_doubtful(self) -> bool:
@@ -368,6 +378,11 @@ class SceneDescription(Frozen):
     table_color: tuple[Share, Share, Share] | None = None  # sRGB, 0..1; None if not visible, or in older descriptions
     table_texture: TextureName | None = None  # library name of the table's rectified texture
     coverage: Coverage | None = None  # None in older descriptions
+    edits: tuple[str, ...] = ()  # of a person, in words
+
+    @model_serializer(mode="wrap")
+    def _leave_out_no_edits(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {key: value for key, value in dump(self).items() if key != "edits" or value}
 
     @property
     def instance_table(self) -> InstanceTable:

@@ -28,6 +28,8 @@ from grs_agents.graph.judging import conclude_with_best_version
 from grs_agents.graph.policies.policy_registry import load_policy
 from grs_agents.graph.services import Services
 from grs_agents.graph.state import RunState, parse_state, state_as_json
+from grs_agents.perception.edits import FILE as EDITS
+from grs_agents.perception.edits import read_edits, write_edits
 from grs_agents.runs.checkpoint import FILE, MOST_VALUE, RecordSerializer, check_checkpoint_file, check_restored_state
 from grs_agents.runs.graph_loading import compile_graph, explain_graph_error
 from grs_agents.runs.hashes import write_hashes
@@ -219,7 +221,7 @@ def _invoke_graph(
         if order.callbacks:
             settings["callbacks"] = list(order.callbacks)
         initial: State = {"scene_path": str(order.source), "max_fixes": config.max_fixes, "fixes": 0, "history": []}
-        initial = {**parse_state(order.given), **initial}
+        initial = {**parse_state(order.given), **_read_or_keep_edits(order, folder), **initial}
         try:
             if order.nested:
                 state.update(graph.invoke(initial, settings, context=services))
@@ -240,6 +242,24 @@ def _invoke_graph(
             state["problem"] = reached.message
             state.update(conclude_with_best_version(cast(RunState, state), runtime=Runtime(context=services)))
     return None
+
+
+def _read_or_keep_edits(order: RunOrder, folder: Path) -> State:
+    """The edits of the scene that the order gives, which are kept in the folder, or that an earlier attempt kept.
+
+    Raises:
+        InputError: an earlier attempt had other edits.
+    """
+    state, file = parse_state(order.given), folder / EDITS
+    kept = read_edits(file) if order.resume and path_exists(file) else None
+    if "edits" not in state:
+        return {} if kept is None else {"edits": kept}
+    given = state["edits"]
+    if order.resume and given != kept:
+        raise InputError(f"{folder} was begun with other edits than these", "run the scene again in another folder")
+    if kept is None:
+        write_edits(given, file)
+    return {"edits": given}
 
 
 def _command_with_reply(graph: Any, settings: dict[str, Any], order: RunOrder, log: EventLog) -> Any:
@@ -296,6 +316,7 @@ def _add_metrics_to_record(record: RunRecord, log: EventLog, state: State) -> Ru
         update = {
             "counts": count_run_results(history, reached),
             "rewards": tuple(reached.get("audit", {}).get("rewards", ())),
+            "edits": tuple(reached.get("scene", {}).get("edits", ())),
             "sentence": str(reached.get("audit", {}).get("sentence", "")),
             "words": None if (words := reached.get("audit", {}).get("words")) is None else JudgedWords(**words),
             "sandbox": str(reached.get("report", {}).get("backend", "")),

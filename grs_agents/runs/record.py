@@ -52,6 +52,7 @@ class RunRecord(Frozen):
     # statement of the goals by GRS, and verdict on the author's words; none where the audit failed
     sentence: str = ""
     words: JudgedWords | None = None
+    edits: tuple[str, ...] = ()  # of a person who corrected the scene, in words
     rewards: tuple[Number, ...] = ()  # the trusted oracle's reward for each seed
     seconds: dict[str, Seconds] = Field(default_factory=dict)  # wall seconds by stage, and `total`
     attempts: Count = 1  # number of starts and resumptions

@@ -79,6 +79,7 @@ def build_served_graph(name: str) -> StateGraph[ServedRunState, None, RunState, 
 
 grs, router, scene = build_served_graph("grs"), build_served_graph("router"), build_served_graph("scene")
 best_of, tool_author = build_served_graph("best_of"), build_served_graph("tool_author")
+grs_review = build_served_graph("grs_review")
 no_router, no_fix, llm_only = (
     build_served_graph("no_router"),
     build_served_graph("no_fix"),

@@ -115,6 +115,8 @@ def summary_table(run: dict[str, Any]) -> Table:
     table.add_row("status", Text(status, style=_VERDICTS.get(status, "")))
     if run.get("reason"):
         table.add_row("reason", Text(to_terminal_line(str(run["reason"]), 400)))
+    for line in run.get("edits") or ():
+        table.add_row("corrected", Text(to_terminal_line(str(line), 200)))
     counts, seconds = dict[str, Any](run.get("counts") or {}), dict[str, Any](run.get("seconds") or {})
     calls, tokens_in, tokens_out = (counts.pop(key, 0) for key in ("model_calls", "input_tokens", "output_tokens"))
     if counts:

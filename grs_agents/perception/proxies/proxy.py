@@ -14,7 +14,7 @@ from grs_agents.base import Vec3
 from grs_agents.base.errors import InputError
 from grs_agents.base.files import write_bytes, write_json, write_text
 from grs_agents.base.geometry.transforms import to_vec3
-from grs_agents.library.asset import MANIFEST, Asset, AssetManifest, read_manifest
+from grs_agents.library.asset import MANIFEST, Asset, AssetManifest, Quantity, read_manifest
 from grs_agents.library.colors import color_name_from_rgb
 from grs_agents.library.formats.urdf import format_urdf_text
 from grs_agents.library.library import Library
@@ -33,6 +33,7 @@ _MASS_RANGE = (0.02, 2.0)  # kg
 _SIZE_RANGE = (0.001, 2.0)  # m
 _DENSITY, _WALL_DENSITY = 300.0, 1200.0  # kg/m^3: of packed goods, full or half empty; of plastic and ceramics
 _FRICTION = 0.6
+_GIVEN_DEVIATION = 0.05  # of a mass or friction that a person gives, as a share: of a kitchen scale's reading and more
 
 
 @dataclass(frozen=True)
@@ -175,13 +176,57 @@ def write_scaled_asset(root: Path, slug: str, name: str, library: Library, facto
     Raises:
         InputError: a file of the asset is gone, or the folder cannot be written.
     """
-    asset, model = library.asset(name), library.load_object_model(name)
+    asset = library.asset(name)
+    size, mass = to_vec3((factor * np.array(asset.size)).round(5)), round(asset.mass * factor**3, 4)
+    scaled = asset.model_copy(
+        update={
+            "name": f"scaled/{slug}.urdf",
+            "size": size,
+            "mass": mass,
+            "everyday": False,
+            "physics": None,
+            "fixture": False,
+            "description": f"{asset.description} (its size times {factor:.2f})",
+            "origin": None,
+        }
+    )
+    _write_copy(root, scaled, name, library, factor)
+    return scaled
+
+
+def write_edited_asset(
+    root: Path, slug: str, name: str, library: Library, mass: float | None = None, friction: float | None = None
+) -> Asset:
+    """Write a copy of an asset with a mass (kg) or friction that a person gave, and its entry in the manifest.
+
+    It is ``root/<slug>/<stem>.urdf``, since words for an object follow from the stem of its asset; of a proxy
+    ``root/proxy/<slug>.urdf``. Mass and friction count as measured. The other arguments and the errors are those of
+    `write_scaled_asset`.
+    """
+    asset = library.asset(name)
+    physics, update = asset.physics_or_defaults(), dict[str, Any]()
+    for key, value in (("mass", mass), ("friction", friction)):
+        if value is not None:
+            update[key] = value
+            measured = Quantity(value=value, provenance="measured", deviation=_GIVEN_DEVIATION)
+            physics = physics.model_copy(update={key: measured})
+    path = f"proxy/{slug}.urdf" if asset.category == "proxy" else f"{slug}/{Path(name).name}"
+    update |= {"name": path, "everyday": False, "fixture": False, "physics": physics, "origin": None}
+    edited = asset.model_copy(update=update)
+    _write_copy(root, edited, name, library, 1.0)
+    return edited
+
+
+def _write_copy(root: Path, copy: Asset, name: str, library: Library, factor: float) -> None:
+    """Write the URDF of a ``copy`` of the asset ``name``, with copies of its files, all lengths times ``factor``."""
+    folder, slug = Path(copy.name).parent.name, Path(copy.name).stem
+    model = library.load_object_model(name)
     copies: dict[str, str] = {}
     for shape in (*model.visuals, *model.colliders):
         for file in filter(None, (shape.mesh, shape.texture)):
-            copies.setdefault(file, f"scaled/{slug}_{len(copies):02d}{Path(file).suffix}")
-    for file, copy in copies.items():
-        write_bytes(root / copy, library.mesh_or_texture_path(file).read_bytes())
+            copies.setdefault(file, f"{folder}/{slug}_{len(copies):02d}{Path(file).suffix}")
+    for file, target in copies.items():
+        write_bytes(root / target, library.mesh_or_texture_path(file).read_bytes())
 
     def scale(shape: Shape) -> Shape:
         update: dict[str, Any] = {"size": tuple(factor * extent for extent in shape.size)}
@@ -189,17 +234,12 @@ def write_scaled_asset(root: Path, slug: str, name: str, library: Library, facto
         files = {"mesh": shape.mesh, "texture": shape.texture}
         return shape.model_copy(update=update | {key: copies[file] for key, file in files.items() if file})
 
-    size, mass = to_vec3((factor * np.array(asset.size)).round(5)), round(asset.mass * factor**3, 4)
-    update = {"name": f"scaled/{slug}.urdf", "size": size, "mass": mass, "everyday": False, "physics": None}
-    update |= {"fixture": False, "description": f"{asset.description} (its size times {factor:.2f})"}
-    scaled = asset.model_copy(update={**update, "origin": None})
     visuals, colliders = ([scale(shape) for shape in shapes] for shapes in (model.visuals, model.colliders))
-    inertia = box_inertia(size, mass)
+    inertia = box_inertia(copy.size, copy.mass)
     text = format_urdf_text(
-        slug, visuals, colliders, mass=mass, friction=asset.friction, inertia=inertia, folder="scaled"
+        slug, visuals, colliders, mass=copy.mass, friction=copy.friction, inertia=inertia, folder=folder
     )
-    _write_urdf_and_entry(root, scaled, text)
-    return scaled
+    _write_urdf_and_entry(root, copy, text)
 
 
 def _write_urdf_and_entry(root: Path, asset: Asset, text: str) -> None:

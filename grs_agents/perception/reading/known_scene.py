@@ -7,6 +7,8 @@ from grs_agents.base.errors import InputError
 from grs_agents.base.files import copy_folder
 from grs_agents.base.foreign.files import is_folder, path_exists, read_json
 from grs_agents.base.foreign.run_folder import check_run_folder
+from grs_agents.perception.edits import FILE as EDITS
+from grs_agents.perception.edits import read_edits, write_edits
 from grs_agents.perception.reading.bop import is_bop_source
 from grs_agents.perception.types import SceneDescription, read_scene_description
 from grs_agents.sim.hands.registry import DEFAULT_HAND
@@ -44,4 +46,6 @@ def copy_scene_from_run(source: Path, folder: Path, robot: str, hand: str) -> Sc
         if path_exists(source / name):
             copy_folder(source / name, folder / name)
     scene.write(folder / "scene.json")
+    if path_exists(source / EDITS):
+        write_edits(read_edits(source / EDITS), folder / EDITS)
     return scene

@@ -50,9 +50,11 @@ DIMMED = (np.arange(256) * 0.35).astype(np.uint8)  # lookup table of brightness 
 
 
 def measure_candidates(
-    frame: RGBDFrame, table: TableFrame, labels: Labels, given: bool = False
+    frame: RGBDFrame, table: TableFrame, labels: Labels, given: bool = False, most: int | None = None
 ) -> tuple[Candidate, ...]:
     """Measure each segment; if ``given`` by the user, segments of any size are objects.
+
+    Segments with labels above ``most`` may only support others.
 
     Raises:
         InputError: nothing stands on the table, or one object fills it.
@@ -78,6 +80,8 @@ def measure_candidates(
     candidates: list[Candidate] = []
     too_large: Vec3 | None = None
     for label, cloud in clouds.items():
+        if most is not None and label > most:
+            continue
         others = [support for key, support in supports.items() if key != label]
         sampled = cloud, counts[label]
         candidate = _measure_candidate(len(candidates) + 1, frame, table, labels == label, sampled, others)

@@ -35,6 +35,10 @@ _DEEP: Final = 0.02
 _POINT: Final = np.zeros((1, 2))
 
 
+EDITED: Final = "edited_"
+"""Beginning of the folders of copies of assets with the mass or friction that a person gave."""
+
+
 def name_object(item: InstanceObject, library: Library, category: str = "", color: str = "") -> str:
     """Everyday name of an object, e.g. ``tomato sauce can`` or ``red block``, the same for equal objects.
 
@@ -45,7 +49,7 @@ def name_object(item: InstanceObject, library: Library, category: str = "", colo
     """
     asset, (folder, _, file) = library.asset(item.asset), item.asset.rpartition("/")
     category, color = category or asset.category, name_color(item) or color or asset.color
-    if folder in ("block", "proxy", "zone") or asset.template or not asset.everyday:
+    if folder in ("block", "proxy", "zone") or asset.template or not (asset.everyday or folder.startswith(EDITED)):
         return f"{color} {'block' if folder == 'block' else category}"
     name = re.sub(r"(?<=[a-z])(?=[A-Z])|[_-]", " ", file.removesuffix(".urdf")).lower()
     if category in (folder, *name.split()):

@@ -25,6 +25,8 @@ _GRID: dict[str, tuple[float, float]] = {
     **{node: (column, row) for row, names in enumerate(_ROWS) for column, node in enumerate(names) if node},
     "hide_image": (-0.9, 1),
     "group": (2.5, -0.75),
+    "edit": (0.5, 0.5),
+    "review": (0.5, 1.5),
 }
 _COLORS: dict[str, Color] = {
     "read": (91, 120, 239),
@@ -35,6 +37,8 @@ _COLORS: dict[str, Color] = {
     "match": (80, 190, 215),
     "register": (75, 195, 195),
     "settle": (70, 200, 175),
+    "review": (100, 190, 160),
+    "edit": (110, 175, 185),
     "generate_task": (155, 120, 235),
     "generate_sim": (190, 110, 220),
     "generate_tests": (215, 120, 190),

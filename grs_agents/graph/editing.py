@@ -1,0 +1,742 @@
+"""Edits of a scene by a person: each changes the objects of a scene at rest, then all settle once more.
+
+The corrected scene is a function of the scene before it, its photo, the configuration and the edits. Objects that no
+edit names keep asset and measured pose.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from grs_agents.agents.types import Description
+from grs_agents.base import Pose
+from grs_agents.base.errors import ConfigError, InputError, OutputError
+from grs_agents.base.foreign.files import path_exists
+from grs_agents.base.geometry.transforms import matrix_to_quaternion, rotation_about_z, to_vec3
+from grs_agents.base.questions import ask_person
+from grs_agents.base.trace.events import SceneStage
+from grs_agents.base.trace.log import read_events
+from grs_agents.graph.perceive import (
+    find_recorded_camera,
+    log_edits,
+    prepare_scene_for_tasks_with_warnings,
+    require_movable_object,
+)
+from grs_agents.graph.placement import (
+    LEAST_DEPTH_NOISE,
+    describe_size_mismatch,
+    place_asset_or_proxy,
+    raise_confidence_of_fit,
+    reconstruct_proxy,
+    register_objects,
+    replace_misfit_assets,
+    scale_to_measured_size,
+    unique_object_name,
+)
+from grs_agents.graph.recognition import describe_segments, match_objects
+from grs_agents.graph.services import Photo, Services, Update, logged_node
+from grs_agents.graph.state import RunState, TableObject
+from grs_agents.library.library import Library
+from grs_agents.library.shapes import matrix_from_quaternion
+from grs_agents.perception.annotated_pictures import draw_object_names
+from grs_agents.perception.coverage import measure_coverage, raised_pixel_mask
+from grs_agents.perception.edits import (
+    AS_SEEN,
+    FILE,
+    Add,
+    ChooseAsset,
+    ChooseShape,
+    ChooseTable,
+    Delete,
+    Edit,
+    Mark,
+    Merge,
+    Move,
+    Pixel,
+    PlaceRobot,
+    Rectangle,
+    Rename,
+    SceneEdits,
+    SetFriction,
+    SetMass,
+    Split,
+    describe_edit,
+    inner_pixel,
+    mask_from_runs,
+    read_edits,
+    segment_rectangle,
+    write_edits,
+)
+from grs_agents.perception.image_geometry import pixels_in_mask, points_in_hull_mask
+from grs_agents.perception.matching.feature_matcher import rank_assets_per_segment
+from grs_agents.perception.matching.types import MatchRequest, Segment
+from grs_agents.perception.picture_files import load_mask, save_candidate, save_label_pictures
+from grs_agents.perception.proxies.box_clipping import EstimatedVolume
+from grs_agents.perception.proxies.proxy import primitive_proxy, write_edited_asset
+from grs_agents.perception.registration.size_check import enclosing_aabb
+from grs_agents.perception.segmentation.candidates import measure_candidates
+from grs_agents.perception.settling.proxy_placement import (
+    PlacedProxy,
+    extend_box_to_support,
+    place_with_cleared_colliders,
+)
+from grs_agents.perception.settling.segment_reconciliation import occupied_points_mask
+from grs_agents.perception.settling.settling import PlacedObject, settle_and_measure_fidelity, to_instance_objects
+from grs_agents.perception.settling.support_relations import body_from_asset, find_spatial_relations
+from grs_agents.perception.shapes.types import make_object_view
+from grs_agents.perception.table_finding import matrix_to_tuples, pixels_to_robot_frame
+from grs_agents.perception.twin_picture import save_twin_picture
+from grs_agents.perception.types import (
+    Array,
+    DroppedCandidate,
+    Mask,
+    MatchEvidence,
+    RGBDFrame,
+    SceneDescription,
+    SceneObject,
+    TableFrame,
+    is_reachable_position,
+    read_scene_description,
+)
+from grs_agents.sim.world.footprints import (
+    Prism,
+    collider_prisms_at_pose,
+    least_outline_gaps,
+    object_prism_at_pose,
+    rest_height_of_prisms,
+)
+
+BEFORE: Final = "scene/before_edits.json"
+"""The description of the scene before its edits, in the folder of a corrected scene."""
+BY_PERSON: Final = "person"
+"""Method of the match of an asset that a person chose."""
+_NEAR = 6  # pixels; a place beside a mask still names its object
+_OVERLAP = 0.002  # m; less is left to the settling
+_CLEARANCE = 0.0005  # m over the support at which a moved object is let go
+_NAMED = 8  # objects in an error
+_RANKED = 10  # assets that a person may choose from
+
+
+@dataclass(frozen=True, eq=False)
+class Thing:
+    """An object of a scene that is edited."""
+
+    item: SceneObject
+    mask: Mask  # (H, W)
+    pose: Pose  # from which it settles
+
+    @property
+    def placed(self) -> PlacedObject:
+        """Its asset at its pose."""
+        return PlacedObject(self.item.asset, self.pose)
+
+
+@dataclass(frozen=True, eq=False)
+class EditedScene:
+    """A scene after some edits, before it settles."""
+
+    before: SceneDescription
+    photo: RGBDFrame
+    table: TableFrame
+    things: tuple[Thing, ...]
+    left_out: Mask  # (H, W) pixels of scenery and robot
+    robot: Mask  # (H, W)
+    blur: Mask  # (H, W) pixels beside objects that have their depth, but not their colour
+    above: Mask  # (H, W) pixels that rise above the table
+    removed: tuple[tuple[Mask, DroppedCandidate], ...]  # the objects that a person removed
+    slugs: frozenset[str]  # names of assets that are taken
+    first_free: int  # number
+    lines: tuple[str, ...]  # the edits in words
+
+    def find(self, place: Pixel) -> Thing:
+        """The object at a pixel, the smallest of several.
+
+        Raises:
+            InputError: there is none; it names the objects and their places.
+        """
+        column, row = place
+        rows, columns = self.left_out.shape
+        if column < columns and row < rows:
+            around = np.s_[max(0, row - _NEAR) : row + _NEAR + 1, max(0, column - _NEAR) : column + _NEAR + 1]
+            for window in (np.s_[row : row + 1, column : column + 1], around):
+                hit = [thing for thing in self.things if thing.mask[window].any()]
+                if hit:
+                    return min(hit, key=lambda thing: int(np.count_nonzero(thing.mask)))
+        shown = [f"{thing.item.name} at {inner_pixel(thing.mask)}" for thing in self.things[:_NAMED]]
+        raise InputError(f"there is no object at the pixel {column}, {row}", f"name a pixel of {'; '.join(shown)}")
+
+    def replace_thing(self, old: Thing, new: Thing) -> "EditedScene":
+        """The scene with another state of an object."""
+        things = tuple(new if thing is old else thing for thing in self.things)
+        return replace(self, things=things, slugs=self.slugs | {Path(new.item.asset).stem, new.item.name})
+
+
+def open_edited_scene(scene: SceneDescription, frame: RGBDFrame, folder: Path) -> EditedScene:
+    """The scene of a run folder before any edit.
+
+    Raises:
+        InputError: a picture of the folder is missing, or not of the photo's size.
+    """
+    shape = frame.depth.shape
+    names = ("left_out", "robot", "blur")
+    masks = {
+        name: load_mask(file) if path_exists(file := folder / f"scene/{name}.png") else np.zeros(shape, np.bool_)
+        for name in names
+    }
+    things: list[Thing] = []
+    for item in scene.objects:
+        mask = load_mask(folder / item.mask)
+        things.append(Thing(item, mask, item.settled or (item.position, item.orientation)))
+    sized = {**masks, **{thing.item.mask: thing.mask for thing in things}}
+    for name, mask in sized.items():
+        if mask.shape != shape:
+            raise InputError(f"{folder}: the mask {name} is of another size than the photo", "make the scene again")
+    return EditedScene(
+        before=scene,
+        photo=frame,
+        table=scene.frame,
+        things=tuple(things),
+        **masks,
+        above=raised_pixel_mask(frame, scene.frame, masks["left_out"], masks["robot"]) & ~masks["blur"],
+        removed=(),
+        slugs=frozenset(name for item in scene.objects for name in (item.name, Path(item.asset).stem)),
+        first_free=1 + max([0, *(item.id for item in scene.objects), *(item.id for item in scene.dropped)]),
+        lines=(),
+    )
+
+
+def apply_edit(scene: EditedScene, edit: Edit, services: Services) -> EditedScene:
+    """The scene after an edit.
+
+    Raises:
+        GrsError: the edit does not fit the scene, with the reason.
+    """
+    line = describe_edit(edit)
+    match edit:
+        case Add():
+            mask = _mask_of_rectangle(scene, edit.rectangle, edit.runs, services)
+            scene = _add_object(_without_covered(scene, mask), mask, services)
+            line = f"{scene.things[-1].item.name} is added at {edit.rectangle}"
+        case Merge():
+            pieces = list(dict.fromkeys(scene.find(place) for place in edit.places))
+            names = " and ".join(thing.item.name for thing in pieces)
+            if len(pieces) < 2:
+                raise InputError(f"all places are of {names}", "name pixels of at least two objects")
+            mask = np.any([thing.mask for thing in pieces], axis=0)
+            scene = _add_object(_without(scene, pieces), mask, services)
+            line = f"{names} are one object, {scene.things[-1].item.name}"
+        case Split():
+            whole = scene.find(edit.place)
+            inside = edit.rectangle.mask(_shape(scene)) & whole.mask
+            parts = (whole.mask & ~inside, inside)
+            if not all(part.any() for part in parts):
+                raise InputError(
+                    f"the rectangle {edit.rectangle} holds {'nothing' if not inside.any() else 'all'} of "
+                    f"{whole.item.name}",
+                    "draw it around one of its parts",
+                )
+            scene = _without(scene, [whole])
+            for part in parts:
+                scene = _add_object(scene, part, services)
+            line = f"{whole.item.name} is split into {' and '.join(t.item.name for t in scene.things[-2:])}"
+        case Delete():
+            thing = scene.find(edit.place)
+            line = f"{thing.item.name} is no object"
+            scene = _remove(scene, thing, "deleted by a person")
+        case Mark(kind="container"):
+            thing = scene.find(edit.place)
+            line = f"{thing.item.name} is a container"
+            scene = _rebuild_as_seen(scene, thing, services, hollow=True)
+        case Mark():
+            thing = scene.find(edit.place)
+            kind = "the robot" if edit.kind == "robot" else "scenery"
+            line = f"{thing.item.name} is {kind}"
+            robot = scene.robot | thing.mask if edit.kind == "robot" else scene.robot
+            scene = _remove(scene, thing, f"{kind}, by a person")
+            left_out = scene.left_out | thing.mask
+            above = raised_pixel_mask(scene.photo, scene.table, left_out, robot) & ~scene.blur
+            scene = replace(scene, left_out=left_out, robot=robot, above=above)
+        case Rename():
+            thing = scene.find(edit.place)
+            name = unique_object_name(edit.name, [other.item.name for other in scene.things if other is not thing])
+            line = f"{thing.item.name} is renamed to {name}"
+            words = {"name": name, "description": edit.name}
+            if not thing.item.matched:  # an asset of the library has a category of its own
+                words["category"] = _category(edit.name, thing.item)
+            scene = scene.replace_thing(thing, replace(thing, item=thing.item.model_copy(update=words)))
+        case ChooseAsset():
+            thing = scene.find(edit.place)
+            if edit.asset == AS_SEEN:
+                scene = _rebuild_as_seen(scene, thing, services)
+                line = f"{thing.item.name} is rebuilt as seen"
+            else:
+                services.library.asset(edit.asset)  # GrsError with the nearest names
+                scene = _use_asset(scene, thing, edit.asset, services)
+                line = f"{thing.item.name} is {edit.asset}"
+        case ChooseShape():
+            thing = scene.find(edit.place)
+            scene = _use_primitive(scene, thing, edit, services)
+            line = f"{thing.item.name} is a {edit.shape}"
+        case Move():
+            thing = scene.find(edit.place)
+            line = describe_edit(edit).replace(f"the object at {edit.place[0]}, {edit.place[1]}", thing.item.name)
+            scene = _move(scene, thing, edit, services.library)
+        case SetMass() | SetFriction():
+            thing = scene.find(edit.place)
+            item = thing.item.model_copy(
+                update={"mass": edit.mass} if isinstance(edit, SetMass) else {"friction": edit.friction}
+            )
+            line = describe_edit(edit).replace(f"the object at {edit.place[0]}, {edit.place[1]}", thing.item.name)
+            scene = scene.replace_thing(thing, replace(thing, item=item))
+            scene = _write_physics(scene, scene.find(edit.place), services)
+        case ChooseTable():
+            pass  # the node `find_table` has read it
+        case PlaceRobot():
+            scene = _place_robot(scene, edit)
+    return replace(scene, lines=(*scene.lines, line))
+
+
+def _shape(scene: EditedScene) -> tuple[int, int]:
+    rows, columns = scene.left_out.shape
+    return rows, columns
+
+
+def _without(scene: EditedScene, gone: Sequence[Thing]) -> EditedScene:
+    return replace(scene, things=tuple(thing for thing in scene.things if thing not in gone))
+
+
+def _remove(scene: EditedScene, thing: Thing, reason: str) -> EditedScene:
+    dropped = DroppedCandidate(id=thing.item.id, reason=reason)
+    return replace(_without(scene, [thing]), removed=(*scene.removed, (thing.mask, dropped)))
+
+
+def _category(words: str, item: SceneObject) -> str:
+    """The words without the colour of an object."""
+    kept = [word for word in words.split() if word.lower() != item.color.lower()]
+    return " ".join(kept) or words
+
+
+def _mask_of_rectangle(
+    scene: EditedScene, rectangle: Rectangle, runs: tuple[int, ...] | None, services: Services
+) -> Mask:
+    """The given mask, or the object that the segmentation of a rectangle finds."""
+    rows, columns = _shape(scene)
+    if rectangle.right > columns or rectangle.bottom > rows:
+        raise InputError(f"the rectangle {rectangle} leaves the photo of {columns} x {rows} pixels", "draw it inside")
+    if runs is not None:
+        return mask_from_runs(rectangle, runs, (rows, columns))
+    mask = segment_rectangle(scene.photo, scene.table, rectangle)
+    if mask is None:
+        raise InputError(
+            f"nothing in the rectangle {rectangle} differs from its rim in height or colour",
+            "draw it closer around the object, with a rim of the table",
+        )
+    return mask
+
+
+def _without_covered(scene: EditedScene, mask: Mask) -> EditedScene:
+    """The scene without the objects that a new object's mask covers by more than half."""
+    gone = [t for t in scene.things if 2 * np.count_nonzero(t.mask & mask) > np.count_nonzero(t.mask)]
+    return _without(scene, gone)
+
+
+def _measure(scene: EditedScene, mask: Mask, number: int, services: Services) -> TableObject:
+    """Measure the object of a mask beside the others, and write its pictures."""
+    labels = np.zeros(mask.shape, np.int32)
+    for label, thing in enumerate(scene.things, 2):
+        labels[thing.mask] = label
+    labels[mask] = 1
+    counted = int(np.count_nonzero(mask & (scene.photo.depth > 0)))
+    try:
+        measured = measure_candidates(scene.photo, scene.table, labels, given=True, most=1)
+    except InputError as error:
+        raise InputError(
+            f"{counted} of {np.count_nonzero(mask)} pixels have depth: too few to measure an object",
+            "take more of the object into the mask",
+        ) from error
+    return TableObject.from_record(save_candidate(replace(measured[0], id=number), services.folder))
+
+
+def _words_of(item: SceneObject) -> Description:
+    shape = "cylinder" if item.round else "box"
+    return Description(
+        is_object=True, description=item.description, color=item.color, shape=shape, category=item.category
+    )
+
+
+def _add_object(scene: EditedScene, mask: Mask, services: Services) -> EditedScene:
+    """Describe, match, and place the object of a mask."""
+    number, photo = scene.first_free, (scene.photo, scene.table)
+    item = _measure(scene, mask, number, services)
+    described = describe_segments([item], number + 1, photo, services)
+    words = described.descriptions[number]
+    hollow = item.hollow if words.open_top is None else words.open_top
+    item = item.model_copy(update={"description": words.model_copy(update={"is_object": True}), "hollow": hollow})
+    (item,), _ = match_objects([item], photo, scene.before.image, services)
+    scene = replace(scene, first_free=number + 1)
+    return _place(scene, item, mask, services)
+
+
+def _place(
+    scene: EditedScene, item: TableObject, mask: Mask, services: Services, sure: bool = False, name: str = ""
+) -> EditedScene:
+    """Place a matched object: its asset, which is ``sure`` if a person chose it, or its reconstruction."""
+    photo: Photo = scene.photo, scene.table
+    masks = {item.id: mask}
+    item = place_asset_or_proxy(item, services, sorted(scene.slugs), name)
+    (item,) = register_objects([item], masks, photo, services)
+    if sure and describe_size_mismatch(item, services):
+        item = scale_to_measured_size(item, mask, photo, services) or item
+    elif not sure:
+        kept, dropped, _ = replace_misfit_assets([item], sorted(scene.slugs), masks, photo, services)
+        if not kept:
+            raise ConfigError(dropped[0].reason, "set match.proxies=true")
+        item = raise_confidence_of_fit(kept[0])
+    placed = item.scene_object
+    if not placed.matched:
+        placed = _reconstruct(scene, item, mask, services)
+    if name:
+        placed = placed.model_copy(update={"name": name})
+    thing = Thing(placed, mask, (placed.position, placed.orientation))
+    slugs = scene.slugs | {placed.name, Path(placed.asset).stem}
+    return replace(scene, things=(*scene.things, thing), slugs=slugs)
+
+
+def _reconstruct(scene: EditedScene, item: TableObject, mask: Mask, services: Services) -> SceneObject:
+    """The proxy of an object as the photo shows it, clear of all others."""
+    photo: Photo = scene.photo, scene.table
+    others = [thing.placed for thing in scene.things]
+    cloud = pixels_to_robot_frame(*photo, *pixels_in_mask(mask & (scene.photo.depth > 0)))
+    volume = EstimatedVolume(item.upright, item.shape, cloud, item.hollow).lift_bottom_above_occupied(
+        lambda points: occupied_points_mask(points, others, services.library)
+    )
+    box = extend_box_to_support(volume.box)
+    proxy = reconstruct_proxy(item, box, volume.shape, mask, photo, services)
+    placed = item.scene_object
+    return _write_proxy(
+        placed, PlacedProxy(Path(placed.asset).stem, placed.description, volume.shape, box, proxy), others, services
+    )
+
+
+def _write_proxy(
+    item: SceneObject, proxy: PlacedProxy, others: Sequence[PlacedObject], services: Services
+) -> SceneObject:
+    """The object with a proxy whose colliders are clear of the ``others``."""
+    *_, placed = place_with_cleared_colliders([*others, proxy], services.folder / "assets", services.library)
+    position, orientation = placed.pose
+    update = {
+        "asset": placed.asset,
+        "matched": False,
+        "method": "proxy",
+        "residual": None,
+        "position": position,
+        "orientation": orientation,
+        "size": services.library.asset(placed.asset).size,
+        "reachable": is_reachable_position(position),
+    }
+    return item.model_copy(update=update)
+
+
+def _measure_again(scene: EditedScene, thing: Thing, services: Services) -> tuple[EditedScene, TableObject]:
+    """The scene without an object, and the object measured from its mask, with its words."""
+    rest = _without(scene, [thing])
+    item = _measure(rest, thing.mask, thing.item.id, services)
+    return rest, item.model_copy(update={"description": _words_of(thing.item)})
+
+
+def _keep_place(scene: EditedScene, thing: Thing, new: EditedScene, services: Services) -> EditedScene:
+    """The scene with a rebuilt object, the last of ``new``, in the order and with the facts of the former."""
+    built = new.things[-1]
+    facts = {key: getattr(thing.item, key) for key in ("name", "mass", "friction")}
+    built = replace(built, item=built.item.model_copy(update=facts))
+    things = tuple(built if old is thing else old for old in scene.things)
+    edited = replace(new, things=things)
+    return _write_physics(edited, built, services)
+
+
+def _use_asset(scene: EditedScene, thing: Thing, asset: str, services: Services) -> EditedScene:
+    """Replace an object by an asset of the library, registered to its pixels."""
+    rest, item = _measure_again(scene, thing, services)
+    match = MatchEvidence(match="asset", asset=asset, method=BY_PERSON, confidence=1.0, reason="chosen by a person")
+    new = _place(rest, item.model_copy(update={"match": match}), thing.mask, services, sure=True)
+    return _keep_place(scene, thing, new, services)
+
+
+def _rebuild_as_seen(scene: EditedScene, thing: Thing, services: Services, hollow: bool | None = None) -> EditedScene:
+    """Replace an object by its reconstruction."""
+    rest, item = _measure_again(scene, thing, services)
+    match = MatchEvidence(match="no_asset", method=BY_PERSON, confidence=1.0, reason="rebuilt, by a person")
+    update = {"match": match, "hollow": item.hollow if hollow is None else hollow}
+    new = _place(rest, item.model_copy(update=update), thing.mask, services, sure=True)
+    return _keep_place(scene, thing, new, services)
+
+
+def _use_primitive(scene: EditedScene, thing: Thing, edit: ChooseShape, services: Services) -> EditedScene:
+    """Replace an object by a primitive of a given or measured size, painted from the photo."""
+    rest, item = _measure_again(scene, thing, services)
+    hollow, solid = edit.shape == "bowl", "box" if edit.shape == "box" else "cylinder"
+    box = item.upright
+    if edit.size is not None:
+        bottom = box.center[2] - box.size[2] / 2
+        box = box.model_copy(update={"size": edit.size, "center": (*box.center[:2], bottom + edit.size[2] / 2)})
+    view = make_object_view(
+        scene.photo, scene.table, thing.mask, box, max(scene.table.residual, LEAST_DEPTH_NOISE), hollow
+    )
+    proxy = primitive_proxy(solid, box.size, item.color, hollow, view)
+    slug = unique_object_name(edit.shape, sorted(scene.slugs))
+    match = MatchEvidence(match="no_asset", method=BY_PERSON, confidence=1.0, reason=f"a {edit.shape}, by a person")
+    placed = thing.item.model_copy(
+        update={
+            "match": match,
+            "evidence": match.reason,
+            "box": enclosing_aabb(box, solid),
+            "upright": box,
+            "round": edit.shape != "box",
+        }
+    )
+    others = [other.placed for other in rest.things]
+    built = _write_proxy(placed, PlacedProxy(slug, placed.description, solid, box, proxy), others, services)
+    new = replace(
+        rest,
+        things=(*rest.things, Thing(built, thing.mask, (built.position, built.orientation))),
+        slugs=rest.slugs | {slug},
+    )
+    return _keep_place(scene, thing, new, services)
+
+
+def _write_physics(scene: EditedScene, thing: Thing, services: Services) -> EditedScene:
+    """Give an object an asset of its own, with the mass and friction that a person set."""
+    item = thing.item
+    if item.mass is None and item.friction is None:
+        return scene
+    kept = unique_object_name("edited", sorted(scene.slugs))
+    own = write_edited_asset(services.folder / "assets", kept, item.asset, services.library, item.mass, item.friction)
+    edited = scene.replace_thing(thing, replace(thing, item=item.model_copy(update={"asset": own.name})))
+    return replace(edited, slugs=edited.slugs | {kept})
+
+
+def find_overlaps(
+    scene: EditedScene, thing: Thing, position: tuple[float, float], yaw: float, library: Library
+) -> tuple[str, ...]:
+    """Names of the objects that an object would stand in, or half on, at another position (m) and yaw (rad)."""
+    _, overlaps = _lower(scene, thing, position, yaw, library)
+    return overlaps
+
+
+def _lower(
+    scene: EditedScene, thing: Thing, position: tuple[float, float], yaw: float, library: Library
+) -> tuple[Pose, tuple[str, ...]]:
+    """The pose of an object lowered onto the table or the object below, and the names of those that it overlaps."""
+    riders = _riders(scene, thing, library)
+    turn = rotation_about_z(yaw) @ matrix_from_quaternion(thing.pose[1])
+    aloft: Pose = (*position, thing.pose[0][2]), matrix_to_quaternion(turn)
+    (instance,) = to_instance_objects([PlacedObject(thing.item.asset, aloft)], library)
+    model = library.load_object_model(thing.item.asset)
+    body, whole = collider_prisms_at_pose(model, instance.pose), object_prism_at_pose(model, instance.pose)
+    obstacles: list[Prism] = []
+    overlaps: list[str] = []
+    for other in scene.things:
+        if other is thing or other in riders:
+            continue
+        (still,) = to_instance_objects([other.placed], library)
+        other_model = library.load_object_model(other.item.asset)
+        around = object_prism_at_pose(other_model, still.pose)
+        if least_outline_gaps(whole.outline, [around], np.zeros((1, 2)))[0] >= -_OVERLAP:
+            continue
+        obstacles += collider_prisms_at_pose(other_model, still.pose)
+        if not points_in_hull_mask(np.array([position]), around.outline, 0.0)[0]:
+            overlaps.append(other.item.name)
+    bottom = rest_height_of_prisms(body or [whole], obstacles, np.zeros((1, 2)), 0.0) if obstacles else 0.0
+    height = aloft[0][2] + max(bottom, 0.0) + _CLEARANCE - whole.low
+    return ((*position, height), aloft[1]), tuple(overlaps)
+
+
+def rank_assets(scene: EditedScene, place: Pixel, services: Services) -> tuple[str, ...]:
+    """The assets that look most like the object at a pixel by measured features, the best first, at most ten."""
+    thing, config = scene.find(place), services.config
+    upright, item = thing.item.upright, thing.item
+    if upright is None:
+        _, measured = _measure_again(scene, thing, services)
+        upright = measured.upright
+    segment = Segment(item.id, thing.mask, upright, services.folder / item.crop, int(np.count_nonzero(thing.mask)))
+    request = MatchRequest([segment], scene.photo, scene.table, ocr=False, index=config.match.index)
+    ranked, _ = rank_assets_per_segment(request, services.library, "no size")[item.id]
+    return ranked.names[:_RANKED]
+
+
+def _riders(scene: EditedScene, thing: Thing, library: Library) -> list[Thing]:
+    """The objects that stand on or in an object, or on these."""
+    bodies = [body_from_asset(str(number), it.item.asset, it.pose, library) for number, it in enumerate(scene.things)]
+    below = {int(it.subject): int(it.reference) for it in find_spatial_relations(bodies) if it.kind != "touching"}
+    carried, base = set[int](), {scene.things.index(thing)}
+    while more := {upper for upper, lower in below.items() if lower in carried | base} - carried - base:
+        carried |= more
+    return [scene.things[number] for number in sorted(carried)]
+
+
+def _move(scene: EditedScene, thing: Thing, edit: Move, library: Library) -> EditedScene:
+    """Move an object and the objects on it."""
+    pose, overlaps = _lower(scene, thing, edit.position, edit.yaw, library)
+    if overlaps:
+        raise InputError(
+            f"{thing.item.name} would stand in or half on {', '.join(overlaps)}",
+            "move it until its centre is over the object that it shall stand on, or clear of it",
+        )
+    turn, riders = rotation_about_z(edit.yaw), _riders(scene, thing, library)
+
+    def shift(moved: Thing) -> Thing:
+        offset = turn @ np.subtract(moved.pose[0], thing.pose[0])
+        place = to_vec3(offset + pose[0])
+        rotation = matrix_to_quaternion(turn @ matrix_from_quaternion(moved.pose[1]))
+        return _at_pose(moved, (place, rotation), turn, np.array(pose[0]) - turn @ np.array(thing.pose[0]))
+
+    things = tuple(shift(other) if other is thing or other in riders else other for other in scene.things)
+    return replace(scene, things=things)
+
+
+def _at_pose(thing: Thing, pose: Pose, turn: Array, shift: Array) -> Thing:
+    """An object at another pose; its measured boxes are turned and shifted alike."""
+    item, update = thing.item, dict[str, object]()
+    if item.upright is not None:
+        center = to_vec3(turn @ np.array(item.upright.center) + shift)
+        yaw = item.upright.yaw + float(np.arctan2(turn[1, 0], turn[0, 0]))
+        upright = item.upright.model_copy(update={"center": center, "yaw": yaw})
+        update = {"upright": upright, "box": enclosing_aabb(upright, "cylinder" if item.round else "box")}
+    update |= {"position": pose[0], "orientation": pose[1]}
+    return replace(thing, item=item.model_copy(update=update), pose=pose)
+
+
+def _place_robot(scene: EditedScene, edit: PlaceRobot) -> EditedScene:
+    """Lay the robot frame anew, at a pose in the present frame."""
+    if scene.table.origin == "calibrated":
+        raise InputError("the photo is calibrated: T_robot_cam gives the robot's base", "correct T_robot_cam instead")
+    if scene.before.background:
+        raise InputError("the background was made for the robot's present base", "set background.on=false")
+    turn = rotation_about_z(-edit.yaw)
+    shift = -turn @ np.array((*edit.position, 0.0))
+    transform = np.array(scene.table.T_robot_cam)
+    transform[:3] = turn @ transform[:3]
+    transform[:3, 3] += shift
+    table = scene.table.model_copy(update={"T_robot_cam": matrix_to_tuples(transform)})
+
+    def carry(thing: Thing) -> Thing:
+        place = to_vec3(turn @ np.array(thing.pose[0]) + shift)
+        rotation = matrix_to_quaternion(turn @ matrix_from_quaternion(thing.pose[1]))
+        return _at_pose(thing, (place, rotation), turn, shift)
+
+    return replace(scene, table=table, things=tuple(map(carry, scene.things)))
+
+
+def settle_edited_scene(scene: EditedScene, services: Services) -> SceneDescription:
+    """The corrected scene at rest, ready for tasks; its pictures are written into the run folder.
+
+    Raises:
+        InputError: no object is left, or the arm can move none of them.
+        SimulationError: MuJoCo rejects the scene.
+    """
+    if not scene.things:
+        raise InputError("no object is left in the scene", "undo an edit, or add an object")
+    frame, table, library = scene.photo, scene.table, services.library
+    owned = np.any([thing.mask for thing in scene.things], axis=0)
+    placed = [thing.placed for thing in scene.things]
+    rest, twin = settle_and_measure_fidelity(placed, library, frame, table, scene.above | owned)
+    objects: list[SceneObject] = []
+    for thing, end in zip(scene.things, rest.placed, strict=True):
+        described = (thing.item.position, thing.item.orientation)
+        update: dict[str, object] = {"settled": None, "drift": None, "held": False}
+        if end is not None:
+            drift = float(np.linalg.norm(np.subtract(end.pose[0], described[0])))
+            update = {"settled": end.pose, "drift": drift, "held": end.held}
+        update |= {
+            "stands_in_robot": False,
+            "reachable": is_reachable_position(described[0]),
+            "pick_trouble": thing.item.pick_trouble if thing.item.is_doubtful else "",
+        }
+        objects.append(thing.item.model_copy(update=update))
+    bodies = [
+        body_from_asset(item.name, item.asset, item.settled or (item.position, item.orientation), library)
+        for item in objects
+    ]
+    removed = [(mask, dropped.reason) for mask, dropped in scene.removed]
+    coverage = measure_coverage(frame, table, scene.above, owned, removed).write(frame, services.folder)
+    ids = {item.id for item in objects}
+    description = scene.before.model_copy(
+        update={
+            "frame": table,
+            "objects": tuple(objects),
+            "dropped": (
+                *(item for item in scene.before.dropped if item.id not in ids),
+                *(dropped for _, dropped in scene.removed),
+            ),
+            "relations": find_spatial_relations(bodies),
+            "twin": twin,
+            "coverage": coverage,
+            "edits": scene.lines,
+        }
+    )
+    return prepare_scene_for_tasks_with_warnings(description, services)
+
+
+def save_corrected_scene(corrected: SceneDescription, scene: EditedScene, edits: SceneEdits, services: Services) -> str:
+    """Write ``scene.json``, ``edits.json`` and the pictures of a corrected scene into the run folder, and log them.
+
+    Returns:
+        The photo with the names of the objects.
+    """
+    folder, masks = services.folder, {thing.item.name: thing.mask for thing in scene.things}
+    corrected.write(folder / "scene.json")
+    write_edits(edits, folder / FILE)
+    save_label_pictures(scene.photo, {thing.item.id: thing.mask for thing in scene.things}, folder)
+    files = save_twin_picture(corrected, services.library, folder)
+    files |= {} if corrected.coverage is None else {"coverage": corrected.coverage.picture}
+    services.log.append(SceneStage(stage="matched", summary=dict(corrected), files=files))
+    log_edits(corrected, services)
+    return draw_object_names(scene.photo, masks, folder)
+
+
+@logged_node("edit")
+def edit_scene(state: RunState, services: Services) -> Update:
+    """Correct the scene by the edits of a person, and let it settle again."""
+    before, edits, folder = state["scene"], state["edits"], services.folder
+    if path_exists(folder / BEFORE):  # a corrected scene was copied: its edits are replaced
+        before = read_scene_description(folder / BEFORE)
+    elif edits.table is not None and "table" not in state:
+        raise InputError(f"the table of {state['scene_path']} is chosen already", "name the photo instead")
+    if "camera" not in state:
+        camera = find_recorded_camera(read_events(services.log.path), state["scene_path"])
+        state = {**state, "camera": camera}
+    frame = services.load_photo(state)
+    scene = open_edited_scene(before, frame, folder)
+    before.write(folder / BEFORE)
+    for number, edit in enumerate(edits.edits, 1):
+        try:
+            scene = apply_edit(scene, edit, services)
+        except OutputError:  # the edit is not at fault
+            raise
+        except InputError as error:
+            raise InputError(f"edit {number} ({edit.act}): {error.message}", error.remedy) from error
+    corrected = settle_edited_scene(scene, services) if edits.edits else before
+    named = save_corrected_scene(corrected, scene, edits, services)
+    if edits.edits:  # without, a person may be about to edit it
+        require_movable_object(corrected)
+    return {"scene": corrected, "image": named if state["image"] else "", "camera": state["camera"]}
+
+
+@logged_node("review")
+def review_scene(state: RunState, services: Services) -> Update:
+    """Ask a person to correct the scene; the reply is ``go on``, or the file with the edits."""
+    scene = state["scene"]
+    names = ", ".join(item.name for item in scene.objects)
+    details = f"objects: {names}\nphoto: {services.folder / state['image']}"
+    question = "Is the scene right? Go on, or name the file of the edits that `grs edit` wrote."
+    while True:
+        reply = ask_person(question, details=details).strip()
+        if reply.lower().rstrip(".!") in ("go on", "yes", "ok"):
+            return {}
+        try:
+            return {"edits": read_edits(Path(reply).expanduser())}
+        except InputError as error:  # asked anew
+            details = str(error)

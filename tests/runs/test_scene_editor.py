@@ -1,0 +1,277 @@
+"""A person corrects a scene act by act, and the edits replayed without a page give the same scene."""
+
+import json
+from collections.abc import Generator
+from contextlib import nullcontext
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from grs_agents.base.config.load import load_config
+from grs_agents.base.errors import GrsError, InputError
+from grs_agents.graph.scene_prompt import scene_for_prompt
+from grs_agents.library.library import Library
+from grs_agents.perception.edits import (
+    Add,
+    ChooseAsset,
+    ChooseShape,
+    ChooseTable,
+    Delete,
+    Edit,
+    Mark,
+    Merge,
+    Move,
+    PlaceRobot,
+    Rectangle,
+    Rename,
+    SetFriction,
+    SetMass,
+    Split,
+)
+from grs_agents.perception.types import Mask, SceneDescription, SceneObject
+from grs_agents.runs.record import read_record
+from grs_agents.runs.scene_editor import SceneEditor, open_scene_editor
+from tests.cli.command import grs
+from tests.kept_sandbox import lend_sandbox
+
+SCENE = Path(__file__).parents[2] / "assets/scenes/groceries"
+
+
+@pytest.fixture(scope="module")
+def opened(tmp_path_factory: pytest.TempPathFactory) -> Generator[SceneEditor]:
+    """The sample scene, opened once; each test leaves it as it was."""
+    patch = pytest.MonkeyPatch()
+    patch.setattr("grs_agents.runs.execution.open_sandbox", lend_sandbox)
+    patch.setattr("grs_agents.runs.scene_editor.open_sandbox", lend_sandbox)
+    folder = tmp_path_factory.mktemp("edited") / "scene"
+    with open_scene_editor(
+        SCENE, folder, load_config(None, overrides={"graph": "scene"}), lambda _, __: nullcontext()
+    ) as editor:
+        yield editor
+    patch.undo()
+
+
+@pytest.fixture
+def editor(opened: SceneEditor) -> Generator[SceneEditor]:
+    """The editor without edits."""
+    yield opened
+    while opened.edits:
+        opened.undo()
+    opened.undone = ()
+
+
+def named(scene: SceneDescription) -> dict[str, SceneObject]:
+    """The objects by name."""
+    return {item.name: item for item in scene.objects}
+
+
+def rectangle_around(mask: Mask, margin: int = 8) -> Rectangle:
+    """A rectangle as a person draws it around an object."""
+    rows, columns = np.nonzero(mask)
+    return Rectangle(
+        left=int(columns.min()) - margin,
+        top=int(rows.min()) - margin,
+        right=int(columns.max()) + margin,
+        bottom=int(rows.max()) + margin,
+    )
+
+
+def test_facts_are_known_to_authors_and_to_the_simulation(editor: SceneEditor) -> None:
+    milk = editor.place_of("milk_1")
+    for edit in (
+        Rename(place=milk, name="oat milk"),
+        SetMass(place=milk, mass=1.25),
+        SetFriction(place=milk, friction=0.9),
+    ):
+        editor.apply(edit)
+    item = named(editor.scene)["oat_milk_1"]
+    asset = editor.library.asset(item.asset)
+    assert (asset.mass, asset.friction) == (1.25, 0.9)
+    assert editor.library.load_object_model(item.asset).mass == pytest.approx(1.25)
+    assert asset.physics is not None and asset.physics.mass.provenance == "measured"
+    (row,) = (row for row in scene_for_prompt(editor.scene, editor.library)["objects"] if row["name"] == "oat_milk_1")
+    assert (row["mass"], row["friction"], row["description"]) == (1.25, 0.9, "oat milk")
+    assert editor.scene.edits[1] == "oat_milk_1 weighs 1.25 kg"
+
+
+def test_segments_are_added_merged_split_and_removed(editor: SceneEditor) -> None:
+    before = editor.masks
+    editor.apply(Merge(places=(editor.place_of("mustard_1"), editor.place_of("raisins_1"))))
+    (whole,) = set(editor.masks) - set(before)
+    assert np.array_equal(editor.masks[whole], before["mustard_1"] | before["raisins_1"])
+    right = int(np.nonzero(before["raisins_1"])[1].min()) - 1
+    rows, columns = before["milk_1"].shape
+    editor.apply(
+        Split(place=editor.place_of(whole), rectangle=Rectangle(left=right, top=0, right=columns, bottom=rows))
+    )
+    assert len(editor.scene.objects) == 11
+    editor.apply(Delete(place=editor.place_of("tuna_1")))
+    editor.apply(Mark(place=editor.place_of("cookies_1"), kind="scenery"))
+    assert {"tuna_1", "cookies_1"}.isdisjoint(named(editor.scene))
+    reasons = [region.reason for region in editor.scene.coverage.unowned] if editor.scene.coverage else []
+    assert any("deleted by a person" in reason for reason in reasons)
+    assert not any("scenery" in reason for reason in reasons)  # it is no raised pixel any more
+    rectangle = rectangle_around(before["tuna_1"])
+    seen = editor.preview_mask(rectangle)
+    assert seen is not None and (seen & before["tuna_1"]).sum() > 0.8 * (seen | before["tuna_1"]).sum()
+    editor.apply(Add(rectangle=rectangle))
+    assert np.array_equal(editor.masks[editor.scene.objects[-1].name], seen)
+
+
+def test_an_object_gets_another_asset_or_shape_at_its_place(editor: SceneEditor) -> None:
+    tuna = editor.place_of("tuna_1")
+    assert len(editor.ranked_assets(tuna)) == 10 and "HOPE/Tuna.urdf" in editor.ranked_assets(tuna)
+    editor.apply(ChooseAsset(place=tuna, asset="HOPE/TomatoSauce.urdf"))
+    assert named(editor.scene)["tuna_1"].matched
+    editor.apply(ChooseAsset(place=tuna, asset="as_seen"))
+    assert editor.library.asset(named(editor.scene)["tuna_1"].asset).category == "proxy"
+    editor.apply(ChooseShape(place=tuna, shape="bowl", size=(0.1, 0.1, 0.05)))
+    asset = editor.library.asset(named(editor.scene)["tuna_1"].asset)
+    assert asset.hollow and asset.size == pytest.approx((0.1, 0.1, 0.05), abs=0.002)
+    editor.apply(Mark(place=editor.place_of("blue_block_1"), kind="container"))
+    assert editor.library.asset(named(editor.scene)["blue_block_1"].asset).hollow
+    with pytest.raises(GrsError, match=r"did you mean HOPE/Tuna\.urdf"):
+        editor.apply(ChooseAsset(place=tuna, asset="HOPE/Tunna.urdf"))
+    first = named(editor.scene)["tuna_1"].position
+    assert np.hypot(first[0] - 0.62, first[1] + 0.24) < 0.02
+
+
+def test_a_moved_object_stands_on_what_is_below_and_overlaps_are_named(editor: SceneEditor) -> None:
+    block, red = editor.place_of("blue_block_1"), named(editor.scene)["red_block_1"]
+    editor.apply(Move(place=block, position=(red.position[0], red.position[1]), yaw=0.3))
+    settled = named(editor.scene)["blue_block_1"].settled
+    assert settled is not None and settled[0][2] == pytest.approx(0.06, abs=0.004)
+    assert any(it.kind == "on" and it.reference == "red_block_1" for it in editor.scene.relations)
+    editor.apply(Move(place=editor.place_of("red_block_1"), position=(0.45, -0.4)))
+    carried = named(editor.scene)["blue_block_1"].settled
+    assert carried is not None and np.allclose(carried[0], (0.45, -0.4, 0.06), atol=0.01)
+    assert editor.overlaps(block, (0.62, -0.28), 0.0) == ("tuna_1",)
+    scene = editor.scene
+    with pytest.raises(InputError, match="blue_block_1 would stand in or half on tuna_1"):
+        editor.apply(Move(place=block, position=(0.62, -0.28)))
+    assert editor.scene is scene and len(editor.edits) == 2
+
+
+@pytest.mark.parametrize(
+    ("edit", "problem"),
+    [
+        (Delete(place=(1, 1)), "no object at the pixel 1, 1"),
+        (Delete(place=(9999, 1)), "no object at the pixel 9999, 1"),
+        (Add(rectangle=Rectangle(left=0, top=0, right=9000, bottom=9)), "leaves the photo of 640 x 480"),
+        (PlaceRobot(position=(0.1, 0.0)), "the photo is calibrated"),
+        (ChooseTable(point=(1, 1)), "on no level plane|has no depth"),
+    ],
+)
+def test_an_edit_that_does_not_fit_leaves_the_scene(editor: SceneEditor, edit: Edit, problem: str) -> None:
+    scene = editor.scene
+    with pytest.raises(GrsError, match=problem):
+        editor.apply(edit)
+    assert editor.scene is scene and editor.edits == ()
+
+
+def test_undo_and_redo_give_the_scenes_before_and_after(editor: SceneEditor) -> None:
+    first = editor.scene
+    editor.apply(Delete(place=editor.place_of("tuna_1")))
+    second = editor.scene
+    editor.undo()
+    assert editor.scene is first
+    editor.redo()
+    assert editor.scene == second and editor.undone == ()
+    editor.undo()
+    with pytest.raises(InputError, match="no edit to undo"):
+        editor.undo()
+    editor.apply(Delete(place=editor.place_of("bowl_1")))
+    with pytest.raises(InputError, match="no edit to redo"):
+        editor.redo()
+
+
+def replay(folder: Path, *arguments: str) -> None:
+    """Run ``grs`` with a sandbox that others use too."""
+    done = grs(*arguments, folder=folder)
+    assert done.returncode in (0, 1), done.stderr
+
+
+def correct(editor: SceneEditor) -> dict[str, bytes]:
+    """Correct the sample scene; returns the files that must be the same after a replay."""
+    for edit in (
+        Rename(place=editor.place_of("milk_1"), name="oat milk"),
+        Merge(places=(editor.place_of("mustard_1"), editor.place_of("raisins_1"))),
+        SetMass(place=editor.place_of("bowl_1"), mass=0.8),
+        Delete(place=editor.place_of("cookies_1")),
+        Move(place=editor.place_of("blue_block_1"), position=(0.45, -0.2), yaw=0.5),
+    ):
+        editor.apply(edit)
+    editor.save()
+    return files_of(editor.folder, editor.library)
+
+
+def files_of(folder: Path, library: Library | None = None) -> dict[str, bytes]:
+    """The description and the assets of its own of a scene."""
+    scene = json.loads((folder / "scene.json").read_text())
+    own = [name for item in scene["objects"] if (folder / "assets" / (name := item["asset"])).is_file()]
+    assert own
+    names = ["scene.json", "edits.json", "scene/before_edits.json", *(f"assets/{name}" for name in own)]
+    return {name: (folder / name).read_bytes() for name in names}
+
+
+def test_edits_replayed_give_the_same_scene_byte_for_byte(
+    editor: SceneEditor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    files = correct(editor)
+    edits = str(editor.folder / "edits.json")
+    replay(tmp_path, "scene", str(SCENE), "--edits", edits, "--out", "again")
+    assert files_of(tmp_path / "again") == files
+    record = read_record(tmp_path / "again")
+    assert record.edits == editor.scene.edits and len(record.edits) == 5
+    events = (tmp_path / "again/events.jsonl").read_text()
+    assert all(f"corrected by a person: {line}" in events for line in record.edits)
+    # a corrected scene is taken as it is, or corrected otherwise
+    replay(tmp_path, "scene", "again", "--out", "copied")
+    assert files_of(tmp_path / "copied") == files and read_record(tmp_path / "copied").edits == record.edits
+    replay(tmp_path, "scene", "copied", "--edits", edits, "--out", "replayed")
+    assert files_of(tmp_path / "replayed") == files
+    (tmp_path / "wrong.json").write_text('{"version": 1, "edits": [\n{"act": "delete", "place": [1, 1]}\n]}')
+    done = grs("scene", "again", "--edits", "wrong.json", "--out", "wrong", folder=tmp_path)
+    assert done.returncode == 2 and "edit 1 (delete): there is no object at the pixel 1, 1" in done.stderr
+    done = grs("scene", "again", "--edits", str(tmp_path / "none.json"), "--out", "refused", folder=tmp_path)
+    assert done.returncode == 2 and "none.json" in done.stderr and not (tmp_path / "refused").exists()
+
+
+def test_a_graph_with_review_asks_for_the_edits(editor: SceneEditor, tmp_path: Path, brief_films: None) -> None:
+    editor.apply(Rename(place=editor.place_of("milk_1"), name="oat milk"))
+    editor.save()
+    settings = ("--set", "graph=grs_review", "--set", "audit.seeds=1")
+    done = grs("run", str(editor.folder), *settings, "--out", "run", folder=tmp_path)
+    assert done.returncode == 4 and read_record(tmp_path / "run").status == "waiting"
+    again = grs("approve", "run", "--reply", "missing.json", folder=tmp_path)
+    assert again.returncode == 4 and "missing.json" in str(read_record(tmp_path / "run").question)
+    done = grs("approve", "run", "--reply", str(editor.folder / "edits.json"), folder=tmp_path)
+    assert done.returncode in (0, 1), done.stderr
+    record = read_record(tmp_path / "run")
+    assert record.edits == ("milk_1 is renamed to oat_milk_1",)
+    assert "oat_milk" in (tmp_path / "run/scene.json").read_text()
+    assert "milk_1 is renamed to oat_milk_1" in grs("show", "run", folder=tmp_path).stdout
+    grs("report", "run", folder=tmp_path)
+    assert "<li>milk_1 is renamed to oat_milk_1</li>" in (tmp_path / "run/report.html").read_text()
+
+
+def test_a_real_photo_without_calibration_is_corrected_and_replayed(
+    real_scenes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = real_scenes / "uois_6"
+    monkeypatch.setattr("grs_agents.runs.execution.open_sandbox", lend_sandbox)
+    monkeypatch.setattr("grs_agents.runs.scene_editor.open_sandbox", lend_sandbox)
+    config = load_config(None, overrides={"graph": "scene"})
+    with open_scene_editor(source, tmp_path / "edited", config, lambda _, __: nullcontext()) as editor:
+        first, second, third, *_ = (item.name for item in editor.scene.objects)
+        before = named(editor.scene)[third].position
+        editor.apply(Delete(place=editor.place_of(first)))
+        editor.apply(ChooseShape(place=editor.place_of(second), shape="box"))
+        editor.apply(PlaceRobot(position=(0.05, 0.02), yaw=0.1))
+        shifted = np.array((before[0] - 0.05, before[1] - 0.02))
+        turned = np.array([[np.cos(0.1), np.sin(0.1)], [-np.sin(0.1), np.cos(0.1)]]) @ shifted
+        assert np.allclose(named(editor.scene)[third].position[:2], turned, atol=0.01)
+        editor.save()
+    replay(tmp_path, "scene", str(source), "--edits", "edited/edits.json", "--out", "again")
+    assert files_of(tmp_path / "again") == files_of(tmp_path / "edited")
