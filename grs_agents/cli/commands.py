@@ -414,6 +414,8 @@ def demos(
     light: Light = False,
     texture: Texture = False,
     distractors: Distractors = 0,
+    noise: Annotated[float, typer.Option("--noise", help="Of the tip in replays, metres.", min=0, max=0.05)] = 0.008,
+    replays: Annotated[int, typer.Option("--replays", help="With noise, of each episode.", metavar="N", min=0)] = 0,
     out: DemosOut = None,
     json: Json = False,
 ) -> None:
@@ -427,7 +429,13 @@ def demos(
 
     variation = build_variation_from_options(jitter, yaw, mass, friction, light, texture, distractors)
     order = DemoOrder(
-        episodes=episodes, seed=seed, variation=variation, cameras=parse_cameras(cameras), size=parse_size(size)
+        episodes=episodes,
+        noise=noise,
+        replays=replays,
+        seed=seed,
+        variation=variation,
+        cameras=parse_cameras(cameras),
+        size=parse_size(size),
     )
     sys.exit(write_demonstrations(run, order, kind, out, json))
 

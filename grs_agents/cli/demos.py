@@ -57,7 +57,7 @@ def write_demonstrations(run: Path, order: DemoOrder, kind: str, out: Path | Non
         raise InputError(f"{out} is there already", "name another folder with --out, or remove it")
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=terminal.make_console(error=True)) as progress:
-        row = progress.add_task("demonstrations", total=order.episodes)
+        row = progress.add_task("demonstrations", total=order.total)
 
         def update_demo_progress(store: AttemptStore) -> None:
             failed = len(store.attempts) - store.count
@@ -72,9 +72,7 @@ def write_demonstrations(run: Path, order: DemoOrder, kind: str, out: Path | Non
     else:
         console = terminal.make_console()
         count = (
-            str(summary.episodes)
-            if summary.episodes == order.episodes
-            else f"only {summary.episodes} of {order.episodes}"
+            str(summary.episodes) if summary.episodes == order.total else f"only {summary.episodes} of {order.total}"
         )
         line = f"{summary.out}: {count} episodes, {summary.steps} steps, format {summary.format}"
         console.print(Text(line, style="bold"))
@@ -84,4 +82,4 @@ def write_demonstrations(run: Path, order: DemoOrder, kind: str, out: Path | Non
         for reason in summary.reasons:
             console.print(Text(f"    {reason}"))
         console.print(Text(f"  open it with {summary.opens_with}"), soft_wrap=True)
-    return 0 if summary.episodes == order.episodes else 1
+    return 0 if summary.episodes == order.total else 1

@@ -196,6 +196,10 @@ class Arm:
         """As ``tip_pose``, (N, 3) and (N, 3, 3), at joint positions (N, dof)."""
         return self._arm_model.tip_poses(path)
 
+    def shift_tip(self, joints: FloatArray, twist: FloatArray) -> FloatArray:
+        """Joint positions (dof,) after a small twist (6,) of the tip (m, then rad), to first order, within limits."""
+        return self._arm_model.shift_tip(joints, twist)
+
     def solve_ik_tool_down(self, tips: FloatArray, yaws: FloatArray, seed: FloatArray | None = None) -> FloatArray:
         """Continuous joint positions (N, dof) along a path of the tip (N, 3; m), tool down; NaN where unreachable.
         The ``yaws`` (N,) are not wrapped, so that a path may turn on and on. It starts at ``seed``, None for home."""

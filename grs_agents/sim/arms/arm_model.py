@@ -93,6 +93,17 @@ class ArmModel:
         mujoco.mj_fullM(model, data, inertia)
         return inertia
 
+    def shift_tip(self, joints: FloatArray, twist: FloatArray) -> FloatArray:
+        """Joint positions (dof,) after a small twist (6,) of the tip (m, then rad), to first order, within limits."""
+        model, data, jacobian = self._model, self._data, self._jacobian
+        data.qpos[:] = joints
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], self._site)
+        square = jacobian @ jacobian.T
+        square[np.diag_indices(6)] += _DAMPING
+        return np.clip(joints + jacobian.T @ np.linalg.solve(square, twist), self.low, self.high)
+
     def solve_ik(
         self, tip: FloatArray, tool: FloatArray, start: FloatArray, rest: FloatArray, iterations: int
     ) -> FloatArray | None:

@@ -23,7 +23,10 @@ from grs_agents.base.foreign.files import read_json
 from grs_agents.tasks.demos.types import CameraModel, Demonstration, Dropped
 
 _ORDER: Final = "order.json"
-_ARRAYS: Final = ("joint_positions", "joint_velocities", "tip", "suction", "objects", "actions", "rewards")
+_ARRAYS: Final = (
+    *("joint_positions", "joint_velocities", "tip", "suction", "objects", "targets", "held", "open"),
+    *("actions", "executed_actions", "rewards"),
+)
 _IMAGE: Final = "image:"
 _MOST_DIRECTORY: Final = 1 << 20
 """Most bytes of the directory of an attempt's archive."""

@@ -46,7 +46,8 @@ def write_lerobot(demonstrations: Iterable[Demonstration], card: DatasetCard, fo
 
     Each frame has ``observation.state`` (joint positions, suction holding, tip position),
     ``observation.velocity``, ``observation.environment_state`` (objects' poses), ``observation.images.<camera>``,
-    ``action``, ``next.reward``, ``next.done`` and ``next.success``.
+    ``observation.targets``, ``observation.held``, ``observation.open``, ``action``, ``executed_action``,
+    ``next.reward``, ``next.done`` and ``next.success``.
     """
     writer = _Writer(card, folder)
     for demonstration in demonstrations:
@@ -78,7 +79,11 @@ class _Writer:
             "observation.state": state[:-1],
             "observation.velocity": demonstration.joint_velocities[:-1],
             "observation.environment_state": demonstration.objects[:-1].reshape(steps, -1),
+            "observation.targets": demonstration.targets[:-1].reshape(steps, -1),
+            "observation.held": demonstration.held[:-1],
+            "observation.open": demonstration.open[:-1],
             "action": demonstration.actions,
+            "executed_action": demonstration.executed_actions,
             "next.reward": demonstration.rewards,
             "next.done": last,
             "next.success": last,
@@ -170,7 +175,11 @@ def _describe_features(card: DatasetCard) -> dict[str, Any]:
         "observation.state": describe_vector_feature([*joints, "suction", "tip.x", "tip.y", "tip.z"]),
         "observation.velocity": describe_vector_feature(joints),
         "observation.environment_state": describe_vector_feature([name.replace("/", ":") for name in poses]),
+        "observation.targets": describe_vector_feature([name.replace("/", ":") for name in poses]),
+        "observation.held": describe_vector_feature([name.replace("/", ":") for name in card.object_names]),
+        "observation.open": describe_vector_feature([name.replace("/", ":") for name in card.object_names]),
         "action": describe_vector_feature([*joints, "suction"]),
+        "executed_action": describe_vector_feature([*joints, "suction"]),
         "next.reward": describe_scalar_feature("float32"),
         "next.done": describe_scalar_feature("bool"),
         "next.success": describe_scalar_feature("bool"),

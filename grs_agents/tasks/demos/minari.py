@@ -41,6 +41,9 @@ def write_minari(demonstrations: Iterable[Demonstration], card: DatasetCard, fol
         "tip": make_unbounded_box(7),
         "suction": spaces.Box(0, 1, (1,), np.float32),
         "objects": make_unbounded_box(len(card.object_names), 7),
+        "targets": make_unbounded_box(len(card.object_names), 7),
+        "held": spaces.Box(0, 1, (len(card.object_names),), np.float32),
+        "open": spaces.Box(0, 1, (len(card.object_names),), np.float32),
     }
     for camera in card.cameras:
         parts[camera.name] = spaces.Box(0, 255, (camera.height, camera.width, 3), np.uint8)
@@ -87,10 +90,14 @@ def _make_episode_buffers(demonstrations: Iterable[Demonstration], metadata: lis
                 "tip": demonstration.tip,
                 "suction": demonstration.suction[:, None].astype(np.float32),
                 "objects": demonstration.objects,
+                "targets": demonstration.targets,
+                "held": demonstration.held,
+                "open": demonstration.open,
                 **demonstration.images,
             },
             actions=demonstration.actions,
             rewards=demonstration.rewards.tolist(),
             terminations=ends,
             truncations=[False] * demonstration.steps,
+            infos={"executed_actions": np.append(demonstration.executed_actions, demonstration.actions[-1:], axis=0)},
         )

@@ -18,7 +18,7 @@ from grs_agents.library.library import Library
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.registry import get_arm
 from grs_agents.sim.instance.episode import SimulationError
-from grs_agents.sim.instance.task_instance import hash_instance
+from grs_agents.sim.instance.task_instance import TaskInstance, hash_instance
 from grs_agents.sim.motion.joint_controller import CONTROL_RATE
 from grs_agents.sim.rendering.scene_cameras import Backend
 from grs_agents.sim.tabletop_episode import InstanceEpisode, follow_oracle
@@ -53,6 +53,14 @@ _PRESS: Final = 10
 replay that is a millimetre too high touches all the same."""
 _REST_STEPS: Final = 20
 """Physics steps that the arm waits where it releases."""
+_NOISE_WIDTH: Final = 7.0
+"""Standard deviation of the kernel that smooths execution noise, control periods: jittery noise shakes objects off."""
+_NOISE_TWIST: Final = np.array([1.0, 1.0, 0.7, 0.0, 0.0, 6.25])
+"""Execution noise of the tip relative to its horizontal shift (1; rad/m): at 8 mm it turns by 0.05 rad."""
+_CAREFUL, _CAREFUL_PERIODS, _CAREFUL_RAMP = 0.15, 4, 8
+"""Least share of the noise, control periods around a grasp or release with it, and those until the noise is whole."""
+_LOWEST: Final = 0.001
+"""Lowest height of the tip with noise, metres."""
 _SETTLE_PERIODS: Final = 50
 """Control periods (2 s) in which the scene may come to rest after the last action."""
 
@@ -60,18 +68,25 @@ _SETTLE_PERIODS: Final = 50
 class DemoOrder(Frozen):
     """Settings of a production; equal orders give equal demonstrations."""
 
-    episodes: Annotated[int, Field(ge=1, le=1_000_000)] = 200
+    episodes: Annotated[int, Field(ge=1, le=1_000_000)] = 200  # without noise
+    noise: Annotated[float, Field(ge=0, le=0.05)] = 0.008  # of replays, standard deviation of the tip's shift, m
+    replays: Annotated[int, Field(ge=0, le=1000)] = 0  # of each episode with noise, besides the one without
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 0  # of the variations
     variation: Variation = _VARIED
     cameras: tuple[str, ...] = ()
     size: tuple[int, int] = (96, 128)  # rows and columns of the pictures
     renderer: Backend = "auto"
 
+    @property
+    def total(self) -> int:
+        """Demonstrations wanted, replays included."""
+        return self.episodes * (1 + self.replays)
+
 
 def make_demonstrations(
     folder: TaskFolder, order: DemoOrder, work: Path, show: Callable[[AttemptStore], None]
 ) -> AttemptStore:
-    """Complete a working folder to ``order.episodes`` demonstrations.
+    """Complete a working folder to ``order.total`` demonstrations.
 
     The first attempts take the folder's instances as they are, later ones vary them in turn. ``show`` is called before
     each attempt.
@@ -85,7 +100,7 @@ def make_demonstrations(
     with closing(attempts):
         for attempt in range(attempts.max_attempt_count):
             show(store)
-            if store.count >= order.episodes:
+            if store.count >= order.total:
                 break
             if attempt not in store.attempts:
                 store.add(attempt, attempts.make(attempt))
@@ -117,11 +132,13 @@ class _Attempts:
             raise InputError(message, "leave the camera photo out")
         ((rows, robot, hand),) = counts
         self._replayer = Replayer(folder.library, get_arm(robot, hand), rows, order.cameras, order.size, order.renderer)
+        self._clean: tuple[int, Demonstration | Dropped] | None = None  # the last episode, by its number
 
     @property
     def max_attempt_count(self) -> int:
         """Most attempts of the order."""
-        return len(self._instances) if self._order.variation == Variation() else 2 * self._order.episodes + _SPARE
+        varied = self._order.variation != Variation()
+        return (2 * self._order.episodes + _SPARE if varied else len(self._instances)) * (1 + self._order.replays)
 
     @property
     def attempt_settings(self) -> dict[str, Any]:
@@ -133,13 +150,31 @@ class _Attempts:
         }
 
     def make(self, attempt: int) -> Demonstration | Dropped:
-        """Make an attempt: vary, let the expert solve, replay."""
+        """Make an attempt: vary, let the expert solve, replay; of an episode the first is without noise."""
+        number, noisy = divmod(attempt, 1 + self._order.replays)
+        if self._clean is None or self._clean[0] != number:
+            self._clean = number, self._make_clean(number)
+        clean = self._clean[1]
+        if isinstance(clean, Dropped) or not noisy:
+            return clean if isinstance(clean, Dropped) else replace(clean, attempt=attempt)
+        episode = self._replayer.episode
+        try:
+            episode.begin(TaskInstance.model_validate_json(clean.instance))
+            rng = np.random.default_rng((self._order.seed, number, noisy))
+            executed = add_execution_noise(clean, episode.sim.arm, self._order.noise, rng)
+            if demonstration := self._replayer.run(clean.actions, executed):
+                return replace(demonstration, attempt=attempt, base_seed=clean.base_seed)
+            raise SimulationError(episode.sim.current_episode.detail)
+        except GrsError as error:
+            return Dropped(stage="replay", why=error.message)
+
+    def _make_clean(self, number: int) -> Demonstration | Dropped:
         seeds = tuple(self._instances)
-        base = seeds[attempt % len(seeds)]
+        base = seeds[number % len(seeds)]
         instance, stage = self._instances[base], "variation"
         try:
-            if attempt >= len(seeds):
-                rng = np.random.default_rng((self._order.seed, attempt))
+            if number >= len(seeds):
+                rng = np.random.default_rng((self._order.seed, number))
                 instance = vary_instance(instance, self._order.variation, rng, self._folder.library)
             stage, episode = "expert", self._replayer.episode
             episode.begin(instance)
@@ -151,7 +186,7 @@ class _Attempts:
             for slower in range(len(_PACES)):
                 episode.begin(instance)
                 if demonstration := self._replayer.run(expert_actions(positions, held, grip, period, slower)):
-                    return replace(demonstration, attempt=attempt, base_seed=base)
+                    return replace(demonstration, base_seed=base)
             raise SimulationError(episode.sim.current_episode.detail)
         except GrsError as error:
             return Dropped(stage=stage, why=error.message)
@@ -249,6 +284,32 @@ def path_to_finger_actions(
     return np.concatenate([targets, grip[before][:, None]], axis=1).astype(np.float32)
 
 
+def add_execution_noise(
+    clean: Demonstration, arm: Arm, sigma: float, rng: np.random.Generator
+) -> npt.NDArray[np.float32]:
+    """The actions (T, dof + 1) of a demonstration with smooth noise on the tip: ``sigma`` (m) away from contacts.
+
+    An imitator that has seen them sees how to come back to the path (DART, Laskey et al. 2017).
+    """
+    steps, holds = clean.steps, clean.suction
+    events: npt.NDArray[np.intp] = np.append(np.flatnonzero(holds[1:] != holds[:-1]), steps - 1)
+    away = np.abs(np.arange(steps)[:, None] - events[None]).min(axis=1)
+    share: FloatArray = np.clip((away - _CAREFUL_PERIODS) / _CAREFUL_RAMP, _CAREFUL, 1.0)
+    half = 3 * round(_NOISE_WIDTH)
+    kernel: FloatArray = np.exp(-0.5 * (np.arange(-half, half + 1) / _NOISE_WIDTH) ** 2)
+    kernel /= np.linalg.norm(kernel)  # unit variance
+    white = rng.standard_normal((6, steps + 2 * half))
+    smooth: FloatArray = np.stack([np.convolve(axis, kernel, "valid") for axis in white], axis=1)
+    twists = smooth * share[:, None] * _NOISE_TWIST * sigma
+    executed = clean.actions.copy()
+    for row, twist in enumerate(twists):
+        joints = clean.actions[row, :-1].astype(np.float64)
+        height = float(arm.tip_pose(joints)[0][2])
+        twist[2] = max(twist[2], min(0.0, _LOWEST - height))
+        executed[row, :-1] = arm.shift_tip(joints, twist)
+    return executed
+
+
 class Replayer:
     """Replays actions as the environment ``GRS-v0`` with the control ``joint_position``, and records observations.
 
@@ -268,25 +329,30 @@ class Replayer:
         self._control, self._state = JointPositionControl(arm), StateReader(arm, rows)
         self._photographer = Photographer(cameras, ("rgb",), size, renderer)
 
-    def run(self, actions: Floats) -> Demonstration | None:
+    def run(self, actions: Floats, executed: Floats | None = None) -> Demonstration | None:
         """Replay actions (T, dof + 1) in the episode that was just begun, until the task is solved.
 
-        None if the environment's horizon ends first.
+        With ``executed`` (T, dof + 1) these are carried out, and ``actions`` noted as what was right to do. None if the
+        environment's horizon ends first.
         """
         episode, control = self.episode, self._control
         for part in (control, self._state, self._photographer):
             part.begin(episode)
         cameras = tuple(self._describe_camera(name, episode.physics) for name in self._photographer.cameras)
         waiting = np.append(actions[-1, :-1], np.float32(-1))
-        states, pictures, done = [self._state.read()[0]], [self._photographer.take()], list[Floats]()
-        for action in (*actions, *[waiting] * _SETTLE_PERIODS)[: control.horizon(episode.instance.max_steps)]:
+        labels = np.concatenate([actions, np.tile(waiting, (_SETTLE_PERIODS, 1))])
+        labels = labels[: control.horizon(episode.instance.max_steps)]
+        carried_out = labels.copy()
+        if executed is not None:
+            carried_out[: len(executed)] = executed[: len(labels)]
+        states, pictures = [self._state.read()[0]], [self._photographer.take()]
+        for step, action in enumerate(carried_out, 1):
             control.apply(np.clip(action.astype(np.float64), control.low, control.high))
             episode.physics.raise_if_diverged()
-            done.append(action)
             states.append(self._state.read()[0])
             pictures.append(self._photographer.take())
             if episode.is_solved():
-                return self._make_demonstration(states, pictures, np.array(done), cameras)
+                return self._make_demonstration(states, pictures, labels[:step], carried_out[:step], cameras)
         return None
 
     def close(self) -> None:
@@ -298,6 +364,7 @@ class Replayer:
         states: list[dict[str, Floats]],
         pictures: list[dict[str, npt.NDArray[np.uint8]]],
         actions: Floats,
+        executed: Floats,
         cameras: tuple[CameraModel, ...],
     ) -> Demonstration:
         instance, physics = self.episode.instance, self.episode.physics
@@ -315,7 +382,11 @@ class Replayer:
             suction=columns["suction"][:, 0] > 0,
             objects=columns["objects"],
             object_names=tuple(f"{item.asset}#{item.id}" for item in instance.task_objects),
+            targets=columns["targets"],
+            held=columns["held"],
+            open=columns["open"],
             actions=actions,
+            executed_actions=executed,
             rewards=np.append(np.zeros(len(actions) - 1), 1.0).astype(np.float32),
             strict=self.episode.strict_score,
             images={

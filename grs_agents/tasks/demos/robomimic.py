@@ -22,7 +22,8 @@ def write_robomimic(demonstrations: Iterable[Demonstration], card: DatasetCard, 
     """Write ``demos.hdf5`` into a folder.
 
     Observations: ``robot0_joint_pos``, ``robot0_joint_vel``, ``robot0_eef_pos``, ``robot0_eef_quat``, ``suction``,
-    ``object`` (objects' poses) and ``<camera>_image``. Pictures are kept without loss.
+    ``object`` (objects' poses), ``target`` (their places'), ``held``, ``open`` and ``<camera>_image``. Pictures are
+    kept without loss.
     """
     h5py: Any = import_module("h5py")
     with h5py.File(folder / FILE, "w") as file:
@@ -57,11 +58,15 @@ def _write_episode(group: Any, demonstration: Demonstration) -> None:
         "robot0_eef_quat": demonstration.tip[:, 3:],
         "suction": demonstration.suction[:, None].astype(np.float32),
         "object": demonstration.objects.reshape(len(demonstration.objects), -1),
+        "target": demonstration.targets.reshape(len(demonstration.targets), -1),
+        "held": demonstration.held,
+        "open": demonstration.open,
     }
     group.attrs["num_samples"], group.attrs["model_file"] = demonstration.steps, ""
     for name in ("attempt", "base_seed", "instance_hash", "instance", "language", "strict"):
         group.attrs[name] = getattr(demonstration, name)
     group["actions"], group["rewards"], group["dones"] = demonstration.actions, demonstration.rewards, done
+    group["executed_actions"] = demonstration.executed_actions
     group["states"] = np.concatenate([rows.reshape(len(rows), -1) for rows in low_dimensional.values()], axis=1)[:-1]
     for name, rows in (("obs", slice(None, -1)), ("next_obs", slice(1, None))):
         part = group.create_group(name)

@@ -35,8 +35,8 @@ class CameraModel(Frozen):
 class Demonstration:
     """An episode replayed through the environment: T steps between T + 1 observations.
 
-    Row t of ``actions`` was applied to row t of the observations, and led to row t + 1. Positions are in metres in the
-    robot frame, rotations xyzw, joints radians (slides: metres).
+    Row t of ``executed_actions`` was applied to row t of the observations, and led to row t + 1. Positions are in
+    metres in the robot frame, rotations xyzw, joints radians (slides: metres).
     """
 
     instance: str  # the task instance as JSON
@@ -51,7 +51,11 @@ class Demonstration:
     suction: npt.NDArray[np.bool_]  # (T + 1,) whether the cup holds an object
     objects: Floats  # (T + 1, N, 7)
     object_names: tuple[str, ...]  # N, asset name and id in the instance
+    targets: Floats  # (T + 1, N, 7) nearest place that a goal wants each object at, its own pose without any
+    held: Floats  # (T + 1, N) 1 for the object in the hand
+    open: Floats  # (T + 1, N) 1 for objects that are not at their place yet
     actions: Floats  # (T, dof + 1) joint positions at the next step, then suction: 1 on, -1 off
+    executed_actions: Floats  # (T, dof + 1) what was carried out: ``actions``, with noise in noisy replays
     rewards: Floats  # (T,) 1 for the step that solves the task, else 0
     strict: float  # strict score at the end, 0..1
     images: dict[str, npt.NDArray[np.uint8]] = field(

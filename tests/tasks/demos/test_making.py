@@ -108,6 +108,32 @@ def test_what_was_interrupted_goes_on_where_it_stopped(blocks: Path, tmp_path: P
         np.testing.assert_array_equal(one.objects, other.objects)
 
 
+def test_a_noisy_replay_leaves_the_path_and_is_told_the_way_back(blocks: Path, tmp_path: Path) -> None:
+    order = QUICK.model_copy(update={"episodes": 1, "replays": 1})
+    made = make_demonstrations(open_task_folder(blocks), order, tmp_path / "work", lambda _: None)
+    clean, noisy = made.demonstrations()
+    assert clean.instance_hash == noisy.instance_hash
+    np.testing.assert_array_equal(clean.executed_actions, clean.actions)
+    steps = min(clean.steps, noisy.steps)
+    np.testing.assert_array_equal(noisy.actions[:steps], clean.actions[:steps])
+    assert (noisy.executed_actions != noisy.actions).any()
+    apart = np.linalg.norm(noisy.tip[:steps, :3] - clean.tip[:steps, :3], axis=1)
+    taken = int(np.flatnonzero(clean.suction)[0])
+    assert apart.max() > 0.005  # m
+    assert apart[taken] < 0.004
+
+
+def test_a_demonstration_says_where_its_objects_are_wanted_and_which_is_held(
+    demonstrations: list[Demonstration],
+) -> None:
+    one = demonstrations[0]
+    assert one.targets.shape == (one.steps + 1, 2, 7)
+    np.testing.assert_allclose(one.targets[0, :, :2], [(0.5, 0.15), (0.5, 0.25)], atol=1e-6)
+    assert one.open[0].tolist() == [1, 1]
+    assert one.open[-1].tolist() == [0, 0]
+    np.testing.assert_array_equal(one.held.any(axis=1), one.suction)
+
+
 def test_another_order_does_not_go_on(blocks: Path, tmp_path: Path) -> None:
     AttemptStore(tmp_path, {"seed": 0})
     with pytest.raises(InputError, match="begun otherwise"):
