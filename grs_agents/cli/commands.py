@@ -271,12 +271,25 @@ def list_run_folders(
         RunStatus | None, typer.Option("--status", help="Only those that ended so, or wait or run still.")
     ] = None,
     scene: OfScene = None,
+    page: Annotated[bool, typer.Option("--page", help="Write them as a page of cards instead.")] = False,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="The page; runs.html in the folder by default.", metavar="FILE")
+    ] = None,
+    without_films: Annotated[
+        bool, typer.Option("--no-films", help="A page without films, each 1.2 CPU seconds.")
+    ] = False,
     json: Json = False,
 ) -> None:
-    """List runs, the newest first."""
-    from grs_agents.cli.runs import list_runs
+    """List runs, the newest first.
 
-    list_runs(folder, status, scene, json)
+    The page has photo, twin, film, sentence and verdict of each run, filters, and shows two runs side by side.
+    """
+    from grs_agents.cli.runs import list_runs, write_runs_index
+
+    if page or out is not None:
+        write_runs_index(folder, status, scene, out, not without_films, json)
+    else:
+        list_runs(folder, status, scene, json)
 
 
 @app.command(rich_help_panel="Look")
@@ -466,7 +479,7 @@ def suite(
     folder: Annotated[Path, typer.Argument(help="A new folder for the suite.")],
     runs: Annotated[
         list[Path],
-        typer.Argument(help="Accepted runs, or folders of grs instances.", autocompletion=complete_run_folder),
+        typer.Argument(help="Accepted runs, batches, or folders of grs instances.", autocompletion=complete_run_folder),
     ],
     name: Annotated[str | None, typer.Option("--name", help="Of the suite; the folder's by default.")] = None,
     instances: Annotated[int, typer.Option("--instances", help="Of each task.", metavar="N", min=1, max=10_000)] = 10,

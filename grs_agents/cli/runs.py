@@ -1,4 +1,4 @@
-"""``grs runs`` and ``grs compare``, and ``latest`` as a run folder."""
+"""``grs runs`` with its page, ``grs compare``, and ``latest`` as a run folder."""
 
 import difflib
 from pathlib import Path
@@ -10,6 +10,7 @@ from rich.text import Text
 from grs_agents.base import terminal
 from grs_agents.base.config.load import flatten_tree
 from grs_agents.base.errors import GrsError, InputError
+from grs_agents.base.files import check_output_path, refuse_link
 from grs_agents.base.foreign.files import read_json, read_text
 from grs_agents.base.terminal import print_escaped, print_json
 from grs_agents.runs.record import RunRecord, read_record
@@ -34,17 +35,7 @@ def resolve_run_folder(folder: Path) -> Path:
 
 def list_runs(root: Path, status: str | None, scene: str | None, as_json: bool) -> None:
     """Print the runs below ``root``, newest first; unreadable runs are reported on stderr."""
-    if not root.is_dir():
-        raise InputError(f"{root} is no folder", "name the folder that holds run folders, runs/ by default")
-    rows: list[tuple[Path, RunRecord]] = []
-    for folder in _list_newest_run_folders(root):
-        try:
-            record = read_record(folder)
-        except GrsError as error:
-            print_escaped(f"grs: {error}", error=True)
-            continue
-        if (status is None or record.status == status) and (scene is None or scene in record.source):
-            rows.append((folder, record))
+    rows = _read_runs(root, status, scene)
     if as_json:
         print_json([{"folder": str(folder), **record.model_dump(mode="json")} for folder, record in rows])
         return
@@ -57,6 +48,42 @@ def list_runs(root: Path, status: str | None, scene: str | None, as_json: bool) 
         cells = (str(folder), record.status, Path(record.source).name, record.graph, seconds, record.reason)
         table.add_row(*map(Text, cells))
     terminal.make_console().print(table)
+
+
+def write_runs_index(
+    root: Path, status: str | None, scene: str | None, out: Path | None, films: bool, as_json: bool
+) -> None:
+    """Write the page of the runs below ``root``, newest first, and print its path."""
+    from grs_agents.views.runs_index.page import write_runs_page
+    from grs_agents.views.terminal import show_activity_status
+
+    page = out or refuse_link(root / "runs.html")
+    if page.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"cannot write the page of runs as {page}", "name a file that ends in .html")
+    rows = [(folder, record.model_dump(mode="json")) for folder, record in _read_runs(root, status, scene)]
+    check_output_path(page)
+    with show_activity_status("reading runs") as show:
+        write_runs_page(rows, page, films, show)
+    if as_json:
+        print_json({"file": str(page), "runs": len(rows)})
+    else:
+        print_escaped(f"{page}: {len(rows)} runs")
+
+
+def _read_runs(root: Path, status: str | None, scene: str | None) -> list[tuple[Path, RunRecord]]:
+    """The runs below ``root``, newest first; unreadable runs are reported on stderr."""
+    if not root.is_dir():
+        raise InputError(f"{root} is no folder", "name the folder that holds run folders, runs/ by default")
+    rows: list[tuple[Path, RunRecord]] = []
+    for folder in _list_newest_run_folders(root):
+        try:
+            record = read_record(folder)
+        except GrsError as error:
+            print_escaped(f"grs: {error}", error=True)
+            continue
+        if (status is None or record.status == status) and (scene is None or scene in record.source):
+            rows.append((folder, record))
+    return rows
 
 
 def _list_newest_run_folders(root: Path) -> list[Path]:

@@ -1,6 +1,6 @@
 """``grs suite`` and ``grs evaluate``."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,10 +9,22 @@ from rich.table import Table
 from rich.text import Text
 
 from grs_agents.base import terminal
+from grs_agents.base.errors import InputError
 from grs_agents.base.files import write_text
+from grs_agents.base.foreign.run_folder import REMEDY, is_relative_subpath
+from grs_agents.base.tables import write_table
 from grs_agents.base.terminal import print_escaped, print_json
+from grs_agents.runs.batch.results import RESULTS
+from grs_agents.runs.batch.results import read_results as read_batch_results
 from grs_agents.sim.variation.types import Variation
-from grs_agents.tasks.suites.evaluation import EvaluationSummary, compare_evaluations, evaluate, make_order
+from grs_agents.tasks.suites.evaluation import (
+    EpisodeResult,
+    EvaluationSummary,
+    compare_evaluations,
+    evaluate,
+    make_order,
+    read_results,
+)
 from grs_agents.tasks.suites.layouts import read_layout
 from grs_agents.tasks.suites.statistics import PairedComparison
 from grs_agents.tasks.suites.suite import list_changes_of_suite, make_suite
@@ -33,7 +45,14 @@ def write_suite(
     """Make a suite of runs and print its tasks."""
     with show_activity_status("making the suite") as show:
         suite = make_suite(
-            folder, runs, name or folder.resolve().name, instances, variation, grade, workers=workers, show=show
+            folder,
+            list(_list_runs(runs)),
+            name or folder.resolve().name,
+            instances,
+            variation,
+            grade,
+            workers=workers,
+            show=show,
         )
     if as_json:
         print_json({"folder": str(folder), **suite.model_dump(mode="json", exclude={"tasks": {"__all__": {"files"}}})})
@@ -55,6 +74,19 @@ def write_suite(
         table.add_row(*map(Text, (*row, task.words["default"])))
     console.print(table)
     return 0
+
+
+def _list_runs(folders: Sequence[Path]) -> Iterator[Path]:
+    """The folders; a batch stands for its accepted runs, of equal tasks the first."""
+    for folder in folders:
+        if not (folder / RESULTS).is_file():
+            yield folder
+            continue
+        for row in read_batch_results(folder).rows:
+            if row.status == "accepted" and not row.repeats:
+                if not is_relative_subpath(row.run):
+                    raise InputError(f"{folder / RESULTS} names the run {row.run[:200]!r}", REMEDY)
+                yield folder / row.run
 
 
 def verify_suite_folder(folder: Path, as_json: bool) -> int:
@@ -91,6 +123,8 @@ def evaluate_policy(
         except KeyboardInterrupt:
             print_escaped("interrupted; the same command goes on", error=True)
             raise
+    rows = [row.model_dump(mode="json") for row in read_results(place)]
+    write_table(place / "episodes", tuple(EpisodeResult.model_fields), rows)
     with show_activity_status("drawing films") as show:
         write_text(place / "index.html", render_evaluation_page(folder, place, show))
     if as_json:

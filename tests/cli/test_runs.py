@@ -57,6 +57,16 @@ def test_runs_are_listed_newest_first(work: Path) -> None:
     assert "damaged" in shown.stderr
 
 
+def test_runs_are_written_as_a_page(work: Path) -> None:
+    done = grs("runs", "--page", "--of", "first_t", "--json", folder=work)
+    assert json.loads(done.stdout) == {"file": "runs/runs.html", "runs": 1}
+    assert "damaged" in done.stderr
+    page = (work / "runs" / "runs.html").read_text()
+    assert page.count("<article") == 1 and "first_table" in page and "second_table" not in page
+    refused = grs("runs", "--out", "page.png", folder=work)
+    assert refused.returncode == 2 and "name a file that ends in .html" in refused.stderr
+
+
 def test_latest_is_the_run_that_was_written_last(work: Path) -> None:
     for name, age in {"first": 9001, "second": 9000}.items():
         os.utime(work / "runs" / name / "run.json", (age, age))

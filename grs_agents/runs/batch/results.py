@@ -1,9 +1,6 @@
 """Files of a batch: ``results.json`` to read again, ``.csv`` and ``.parquet`` for analysis, and the page
 ``index.html``."""
 
-import csv
-import importlib
-import io
 from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
@@ -11,16 +8,15 @@ from urllib.parse import quote
 from pydantic import TypeAdapter, ValidationError
 
 from grs_agents.base import Frozen
-from grs_agents.base.control_characters import escape_formula
 from grs_agents.base.errors import InputError
-from grs_agents.base.files import write_bytes, write_json, write_text
+from grs_agents.base.files import write_json, write_text
 from grs_agents.base.foreign.files import MOST_VALUES_OF_DATA, check_json_limits, read_bytes
+from grs_agents.base.tables import write_table
 from grs_agents.base.templates import load_template
 from grs_agents.runs.batch.row import BatchRow
 
 RESULTS: Final = "results.json"
 _REMEDY: Final = "name a folder that `grs batch` wrote"
-_COLUMNS: Final = tuple(BatchRow.model_fields)
 _MOST_BYTES: Final = 1 << 28
 """Largest ``results.json``: a quarter of a million runs."""
 
@@ -36,22 +32,8 @@ def write_results(out: Path, results: BatchResults) -> None:
     """Write ``results.json``, ``results.csv``, with pyarrow ``results.parquet``, and ``index.html``, each
     atomically."""
     write_json(out / RESULTS, results.model_dump(mode="json"), durable=True)
-    text = io.StringIO(newline="")
-    writer = csv.DictWriter(text, _COLUMNS)
-    writer.writeheader()
-    for row in results.rows:
-        cells = {**row.model_dump(), "goals": "; ".join(row.goals)}
-        writer.writerow({column: escape_formula(cell) for column, cell in cells.items()})
-    write_text(out / "results.csv", text.getvalue())
+    write_table(out / "results", tuple(BatchRow.model_fields), [row.model_dump(mode="json") for row in results.rows])
     write_text(out / "index.html", render_page(out, results))
-    try:
-        arrow: Any = importlib.import_module("pyarrow")
-        parquet: Any = importlib.import_module("pyarrow.parquet")
-    except ImportError:  # of the extra `batch`; the csv file has the same content
-        return
-    buffer = io.BytesIO()
-    parquet.write_table(arrow.Table.from_pylist([row.model_dump(mode="json") for row in results.rows]), buffer)
-    write_bytes(out / "results.parquet", buffer.getvalue())
 
 
 def read_results(out: Path) -> BatchResults:

@@ -1,5 +1,6 @@
 """Evaluations: policies of each kind, typed failures, resumption, and equal episodes for equal seeds."""
 
+import csv
 import json
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
@@ -305,5 +306,12 @@ def test_the_command_prints_figures_and_processes_agree(suite_folder: Path, tmp_
     assert json.loads(second.stdout) | {"folder": "", "latency": 0} == figures | {"folder": "", "latency": 0}
     rows = [(tmp_path / name / "episodes.jsonl").read_bytes() for name in ("one", "two")]
     assert rows[0] == rows[1]
+    with (tmp_path / "one" / "episodes.csv").open(newline="") as file:
+        cells = list(csv.DictReader(file))
+    assert [row["outcome"] for row in cells] == ["horizon"] * 2
+    assert [float(row["path"]) for row in cells] == [row.path for row in read_results(tmp_path / "one")]
+    parquet = pytest.importorskip("pyarrow.parquet")
+    table = parquet.read_table(tmp_path / "one" / "episodes.parquet").to_pylist()
+    assert table == [row.model_dump(mode="json") for row in read_results(tmp_path / "one")]
     done = grs("compare", "one", "two", folder=tmp_path)
     assert "+0.0 points" in done.stdout

@@ -1,5 +1,6 @@
 """Suites: their tasks, words and tags, and the hash of every file."""
 
+import json
 import random
 import shutil
 from pathlib import Path
@@ -7,6 +8,9 @@ from pathlib import Path
 import pytest
 
 from grs_agents.base.errors import InputError
+from grs_agents.base.files import write_json
+from grs_agents.runs.batch.results import BatchResults
+from grs_agents.runs.batch.row import BatchRow
 from grs_agents.sim import inside, near, stacked
 from grs_agents.sim.variation.types import Variation
 from grs_agents.tasks.suites.suite import find_tags, list_changes_of_suite, make_suite, open_suite_task, read_suite
@@ -92,3 +96,18 @@ def test_an_interrupted_suite_goes_on_and_a_finished_suite_is_not_replaced(runs:
 def test_tags_follow_from_goals_and_words(words: str, goals: tuple[object, ...], tags: set[str]) -> None:
     instance = block_instance(0)
     assert set(find_tags(instance.model_copy(update={"goals": goals or instance.goals}), words)) == tags
+
+
+def test_a_batch_stands_for_its_accepted_runs_of_different_tasks(runs: list[Path], tmp_path: Path) -> None:
+    rows = [
+        BatchRow(run="near", scene="s", seed=0, status="accepted", reason=""),
+        BatchRow(run="far", scene="s", seed=1, status="accepted", reason="", repeats="near"),
+        BatchRow(run="none", scene="s", seed=2, status="rejected", reason="no"),
+    ]
+    shutil.copytree(runs[0], tmp_path / "batch" / "near")
+    write_json(tmp_path / "batch" / "results.json", BatchResults(summary={}, rows=tuple(rows)))
+    done = grs("suite", "made", "batch", "--instances", "1", "--workers", "1", "--json", folder=tmp_path)
+    assert [task["source"] for task in json.loads(done.stdout)["tasks"]] == ["near"]
+    outside = rows[0].model_copy(update={"run": "../batch/near"})
+    write_json(tmp_path / "batch" / "results.json", BatchResults(summary={}, rows=(outside,)))
+    assert "names the run '../batch/near'" in grs("suite", "other", "batch", folder=tmp_path).stderr

@@ -1,0 +1,1 @@
+"""Index of the runs below a folder, as a page."""
