@@ -28,6 +28,7 @@ class Shape(Frozen):
     quaternion: Quat = (0.0, 0.0, 0.0, 1.0)  # rotation from the shape's frame to the object frame, xyzw
     color: Rgba | None = None  # red, green, blue, alpha in 0..1, or None if unspecified
     mesh: str | None = None  # library-relative name of the mesh file; only of meshes
+    corners: tuple[Vec3, ...] = ()  # of the convex hull of a mesh that collides, in the file's own units and frame
     texture: str | None = None  # library-relative name of a PNG
 
 

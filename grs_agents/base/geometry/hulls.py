@@ -11,15 +11,21 @@ _DIRECTIONS: Final = 200
 """Number of directions whose extreme vertices replace a mesh with more vertices."""
 
 
+def extreme_points(vertices: FloatArray) -> FloatArray:
+    """The distinct points (M, 3) of points (N, 3); of many, the extreme along even directions and the axes."""
+    points = np.unique(np.round(vertices, 9), axis=0)
+    if len(points) <= _DIRECTIONS:
+        return points
+    spread = np.arange(_DIRECTIONS) + 0.5
+    polar, around = np.arccos(1 - 2 * spread / _DIRECTIONS), np.pi * (1 + 5**0.5) * spread
+    sphere = np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)])
+    directions = np.hstack([sphere, np.eye(3), -np.eye(3)])
+    return np.asarray(points[np.unique((points @ directions).argmax(axis=0))])
+
+
 def hull_half_spaces(vertices: FloatArray) -> FloatArray:
     """Planes (K, 4) of the hull of points (N, 3), inside: ``plane[:3] @ p <= plane[3]``; a box for coplanar points."""
-    points = np.unique(np.round(vertices, 9), axis=0)
-    if len(points) > _DIRECTIONS:  # keep the extreme points along evenly spread directions
-        spread = np.arange(_DIRECTIONS) + 0.5
-        polar, around = np.arccos(1 - 2 * spread / _DIRECTIONS), np.pi * (1 + 5**0.5) * spread
-        sphere = np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)])
-        directions = np.hstack([sphere, np.eye(3), -np.eye(3)])
-        points = points[np.unique((points @ directions).argmax(axis=0))]
+    points = extreme_points(vertices)
     start = _find_tetrahedron(points)
     if start is None:
         low, high = points.min(axis=0), points.max(axis=0)

@@ -10,6 +10,8 @@ from xml.parsers import expat
 from grs_agents.base import Vec3
 from grs_agents.base.errors import InputError
 from grs_agents.base.foreign.files import read_text as read_foreign_text
+from grs_agents.base.geometry.hulls import extreme_points
+from grs_agents.base.geometry.transforms import to_vec3
 from grs_agents.library.mesh_files import read_vertices
 from grs_agents.library.shapes import ObjectModel, Rgba, Shape, merge_bounds, shape_bounds
 
@@ -138,6 +140,10 @@ class ModelFile:
             raise self.make_error("neither visual nor collision", "add at least one shape")
         if max(len(visuals), len(convex)) > MAX_SHAPES:
             raise self.make_error(f"{max(len(visuals), len(convex))} shapes, at most {MAX_SHAPES} are allowed")
+        for row, shape in enumerate(convex):
+            if shape.mesh is not None:
+                corners = extreme_points(read_vertices(self.root / shape.mesh))
+                convex[row] = shape.model_copy(update={"corners": tuple(map(to_vec3, corners))})
         bounds = merge_bounds(
             shape_bounds(shape, None if shape.mesh is None else read_vertices(self.root / shape.mesh))
             for shape in convex or visuals

@@ -87,13 +87,11 @@ def convex_hull(points: FloatArray) -> FloatArray:
     return np.array(lower[:-1] + upper[:-1], dtype=np.float64)
 
 
-def hull_points_of_shape(shape: Shape, bounds: tuple[FloatArray, FloatArray]) -> FloatArray:
-    """Points (3, N) whose convex hull holds the shape, object frame; a mesh counts as ``bounds``."""
+def hull_points_of_shape(shape: Shape) -> FloatArray:
+    """Points (3, N) whose convex hull is the shape, object frame; the hull of a round shape is a little larger."""
     if shape.kind == "mesh":
-        low, high = bounds
-        corners = np.array(np.meshgrid(*zip(low, high, strict=True), indexing="ij"))
-        return corners.reshape(3, -1)
-    if shape.kind == "box":
+        points = (np.asarray(shape.corners) * np.asarray(shape.size)).T
+    elif shape.kind == "box":
         half = np.asarray(shape.size) / 2
         points = np.array(np.meshgrid(*[(-h, h) for h in half], indexing="ij")).reshape(3, -1)
     else:
@@ -108,8 +106,7 @@ def hull_points_of_shape(shape: Shape, bounds: tuple[FloatArray, FloatArray]) ->
 
 @cached_per_model
 def _collider_hull_points(model: ObjectModel) -> tuple[FloatArray, ...]:
-    bounds = (np.asarray(model.bounds[0]), np.asarray(model.bounds[1]))
-    return tuple(hull_points_of_shape(shape, bounds) for shape in model.colliders)
+    return tuple(map(hull_points_of_shape, model.colliders))
 
 
 @cached_per_model
