@@ -113,6 +113,8 @@ BEFORE: Final = "scene/before_edits.json"
 """The description of the scene before its edits, in the folder of a corrected scene."""
 BY_PERSON: Final = "person"
 """Method of the match of an asset that a person chose."""
+REBUILT: Final = MatchEvidence(match="no_asset", method=BY_PERSON, confidence=1.0, reason="rebuilt, by a person")
+"""Match of an object that a person had reconstructed as seen."""
 _NEAR = 6  # pixels; a place beside a mask still names its object
 _OVERLAP = 0.002  # m; less is left to the settling
 _CLEARANCE = 0.0005  # m over the support at which a moved object is let go
@@ -218,7 +220,8 @@ def apply_edit(scene: EditedScene, edit: Edit, services: Services) -> EditedScen
     match edit:
         case Add():
             mask = _mask_of_rectangle(scene, edit.rectangle, edit.runs, services)
-            scene = _add_object(_without_covered(scene, mask), mask, services)
+            covered = [t for t in scene.things if 2 * np.count_nonzero(t.mask & mask) > np.count_nonzero(t.mask)]
+            scene = _add_object(_without(scene, covered), mask, services)
             line = f"{scene.things[-1].item.name} is added at {edit.rectangle}"
         case Merge():
             pieces = list(dict.fromkeys(scene.find(place) for place in edit.places))
@@ -249,7 +252,7 @@ def apply_edit(scene: EditedScene, edit: Edit, services: Services) -> EditedScen
         case Mark(kind="container"):
             thing = scene.find(edit.place)
             line = f"{thing.item.name} is a container"
-            scene = _rebuild_as_seen(scene, thing, services, hollow=True)
+            scene = _rebuild(scene, thing, REBUILT, services, hollow=True)
         case Mark():
             thing = scene.find(edit.place)
             kind = "the robot" if edit.kind == "robot" else "scenery"
@@ -265,16 +268,20 @@ def apply_edit(scene: EditedScene, edit: Edit, services: Services) -> EditedScen
             line = f"{thing.item.name} is renamed to {name}"
             words = {"name": name, "description": edit.name}
             if not thing.item.matched:  # an asset of the library has a category of its own
-                words["category"] = _category(edit.name, thing.item)
+                nouns = [word for word in edit.name.split() if word.lower() != thing.item.color.lower()]
+                words["category"] = " ".join(nouns) or edit.name
             scene = scene.replace_thing(thing, replace(thing, item=thing.item.model_copy(update=words)))
         case ChooseAsset():
             thing = scene.find(edit.place)
             if edit.asset == AS_SEEN:
-                scene = _rebuild_as_seen(scene, thing, services)
+                scene = _rebuild(scene, thing, REBUILT, services)
                 line = f"{thing.item.name} is rebuilt as seen"
             else:
                 services.library.asset(edit.asset)  # GrsError with the nearest names
-                scene = _use_asset(scene, thing, edit.asset, services)
+                chosen = MatchEvidence(
+                    match="asset", asset=edit.asset, method=BY_PERSON, confidence=1.0, reason="chosen by a person"
+                )
+                scene = _rebuild(scene, thing, chosen, services)
                 line = f"{thing.item.name} is {edit.asset}"
         case ChooseShape():
             thing = scene.find(edit.place)
@@ -313,12 +320,6 @@ def _remove(scene: EditedScene, thing: Thing, reason: str) -> EditedScene:
     return replace(_without(scene, [thing]), removed=(*scene.removed, (thing.mask, dropped)))
 
 
-def _category(words: str, item: SceneObject) -> str:
-    """The words without the colour of an object."""
-    kept = [word for word in words.split() if word.lower() != item.color.lower()]
-    return " ".join(kept) or words
-
-
 def _mask_of_rectangle(
     scene: EditedScene, rectangle: Rectangle, runs: tuple[int, ...] | None, services: Services
 ) -> Mask:
@@ -337,12 +338,6 @@ def _mask_of_rectangle(
     return mask
 
 
-def _without_covered(scene: EditedScene, mask: Mask) -> EditedScene:
-    """The scene without the objects that a new object's mask covers by more than half."""
-    gone = [t for t in scene.things if 2 * np.count_nonzero(t.mask & mask) > np.count_nonzero(t.mask)]
-    return _without(scene, gone)
-
-
 def _measure(scene: EditedScene, mask: Mask, number: int, services: Services) -> TableObject:
     """Measure the object of a mask beside the others, and write its pictures."""
     labels = np.zeros(mask.shape, np.int32)
@@ -358,13 +353,6 @@ def _measure(scene: EditedScene, mask: Mask, number: int, services: Services) ->
             "take more of the object into the mask",
         ) from error
     return TableObject.from_record(save_candidate(replace(measured[0], id=number), services.folder))
-
-
-def _words_of(item: SceneObject) -> Description:
-    shape = "cylinder" if item.round else "box"
-    return Description(
-        is_object=True, description=item.description, color=item.color, shape=shape, category=item.category
-    )
 
 
 def _add_object(scene: EditedScene, mask: Mask, services: Services) -> EditedScene:
@@ -443,8 +431,15 @@ def _write_proxy(
 def _measure_again(scene: EditedScene, thing: Thing, services: Services) -> tuple[EditedScene, TableObject]:
     """The scene without an object, and the object measured from its mask, with its words."""
     rest = _without(scene, [thing])
-    item = _measure(rest, thing.mask, thing.item.id, services)
-    return rest, item.model_copy(update={"description": _words_of(thing.item)})
+    item, known = _measure(rest, thing.mask, thing.item.id, services), thing.item
+    words = Description(
+        is_object=True,
+        description=known.description,
+        color=known.color,
+        shape="cylinder" if known.round else "box",
+        category=known.category,
+    )
+    return rest, item.model_copy(update={"description": words})
 
 
 def _keep_place(scene: EditedScene, thing: Thing, new: EditedScene, services: Services) -> EditedScene:
@@ -457,18 +452,11 @@ def _keep_place(scene: EditedScene, thing: Thing, new: EditedScene, services: Se
     return _write_physics(edited, built, services)
 
 
-def _use_asset(scene: EditedScene, thing: Thing, asset: str, services: Services) -> EditedScene:
-    """Replace an object by an asset of the library, registered to its pixels."""
+def _rebuild(
+    scene: EditedScene, thing: Thing, match: MatchEvidence, services: Services, hollow: bool | None = None
+) -> EditedScene:
+    """Replace an object by the matched asset, registered to its pixels, or by its reconstruction."""
     rest, item = _measure_again(scene, thing, services)
-    match = MatchEvidence(match="asset", asset=asset, method=BY_PERSON, confidence=1.0, reason="chosen by a person")
-    new = _place(rest, item.model_copy(update={"match": match}), thing.mask, services, sure=True)
-    return _keep_place(scene, thing, new, services)
-
-
-def _rebuild_as_seen(scene: EditedScene, thing: Thing, services: Services, hollow: bool | None = None) -> EditedScene:
-    """Replace an object by its reconstruction."""
-    rest, item = _measure_again(scene, thing, services)
-    match = MatchEvidence(match="no_asset", method=BY_PERSON, confidence=1.0, reason="rebuilt, by a person")
     update = {"match": match, "hollow": item.hollow if hollow is None else hollow}
     new = _place(rest, item.model_copy(update=update), thing.mask, services, sure=True)
     return _keep_place(scene, thing, new, services)
@@ -731,7 +719,7 @@ def review_scene(state: RunState, services: Services) -> Update:
     scene = state["scene"]
     names = ", ".join(item.name for item in scene.objects)
     details = f"objects: {names}\nphoto: {services.folder / state['image']}"
-    question = "Is the scene right? Go on, or name the file of the edits that `grs edit` wrote."
+    question = "Is the scene right? Go on, or name a file of edits."
     while True:
         reply = ask_person(question, details=details).strip()
         if reply.lower().rstrip(".!") in ("go on", "yes", "ok"):

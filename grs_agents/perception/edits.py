@@ -28,7 +28,7 @@ MOST_EDITS = 500
 MOST_FILE_BYTES = 1 << 22
 _MOST_SIDE = 1 << 15
 """Largest side of a photo in pixels."""
-_REMEDY = "write it with `grs edit`, or see docs/edit.md"
+_REMEDY = "docs/edit.md describes its form"
 _FARTHEST = 5.0  # m; the simulated table reaches less far
 _SMALLEST, _LARGEST = 0.003, 1.5  # extents of an object, m
 _RAISED = 0.015  # height above the table (m) from which a pixel is surely of an object
@@ -80,7 +80,7 @@ class Rectangle(Frozen):
 
 
 class Add(Frozen):
-    """An object that was missed or badly cut; its pixels are taken from other objects."""
+    """An object that was missed or badly cut; it replaces the objects that it covers by more than half."""
 
     act: Literal["add"] = "add"
     rectangle: Rectangle  # around the object

@@ -1,4 +1,4 @@
-"""The correction of a scene by a person, act by act, as `grs edit` offers it.
+"""The correction of a scene by a person, act by act.
 
 The scene after each act is that which the node ``edit`` makes of the same edits: both call `apply_edit` and
 `settle_edited_scene`.
