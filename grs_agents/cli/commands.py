@@ -103,6 +103,7 @@ _FOLDER = "A new or empty folder, or an earlier export; beside the run by defaul
 RunStatus = Literal["running", "accepted", "rejected", "failed", "interrupted", "waiting"]
 _POLICY = "oracle, random, openpi:ws://HOST:PORT or package.module:Class."
 _LATENCY = "Simulated seconds that the robot waits for each reply."
+_PERTURB = "Draw these, each by itself and together: camera, light, table, pose, distractors, mass, friction, words."
 _SEEDS = "How many task instances to solve; audit.seeds by default."
 Seeds = Annotated[int | None, typer.Option("--seeds", help=_SEEDS, min=1, max=100)]
 _PAGE = "The file, - for the page on standard output; report.html in the run folder by default."
@@ -517,6 +518,7 @@ def evaluate(
     seed: Annotated[int, typer.Option("--seed", help="Of random actions.", metavar="N", min=0, max=2**31 - 1)] = 0,
     timeout: Annotated[float, typer.Option("--timeout", help="Of each reply, seconds.", metavar="S")] = 30.0,
     latency: Annotated[str, typer.Option("--latency", help=_LATENCY, metavar="S|measured")] = "0",
+    perturb: Annotated[str, typer.Option("--perturb", help=_PERTURB, metavar="FACTORS")] = "",
     out: Annotated[Path | None, typer.Option("--out", help="A folder for the results.", metavar="DIR")] = None,
     workers: Workers = 2,
     json: Json = False,
@@ -534,6 +536,7 @@ def evaluate(
         "seed": seed,
         "timeout": timeout,
         "latency": latency,
+        "perturb": tuple(dict.fromkeys(filter(None, perturb.split(",")))),
     }
     sys.exit(evaluate_policy(suite, policy, layout, out, workers, settings, json))
 

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
@@ -154,6 +155,20 @@ def describe_comparison(compared: PairedComparison, first: str, second: str) -> 
     )
 
 
+def _print_effects(console: Console, summary: EvaluationSummary) -> None:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for column in ("factor", "success alone", "95 %", "episodes", "log odds", "95 %", "effect"):
+        table.add_column(column, overflow="fold")
+    for effect in summary.effects:
+        alone, odds = effect.alone, effect.log_odds
+        rate, bounds = (f"{alone.mean:.0%}", f"{alone.low:.0%} to {alone.high:.0%}") if alone.count else ("", "")
+        change = (f"{odds.value:+.1f}", f"{odds.low:+.1f} to {odds.high:+.1f}", effect.verdict)
+        table.add_row(*map(Text, (effect.factor, rate, bounds, str(alone.count), *change)))
+    console.print(table)
+    if summary.together is not None:
+        console.print(Text(f"with all factors: success {summary.together.mean:.1%} of {summary.together.count}"))
+
+
 def _print_summary(place: Path, summary: EvaluationSummary) -> None:
     console = terminal.make_console()
     rate = summary.success
@@ -169,6 +184,8 @@ def _print_summary(place: Path, summary: EvaluationSummary) -> None:
         bounds = f"{interval.low:.0%} to {interval.high:.0%}"
         table.add_row(*map(Text, (name, f"{interval.mean:.0%}", bounds, str(interval.count), progress)))
     console.print(table)
+    if summary.effects:
+        _print_effects(console, summary)
     outcomes = ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in summary.outcomes.items())
     console.print(Text(f"outcomes: {outcomes}; progress {summary.progress:.0%}, at best {summary.best_progress:.0%}"))
     if summary.seconds is not None:

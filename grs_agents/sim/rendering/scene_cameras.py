@@ -7,6 +7,7 @@ from typing import Final, Literal, Protocol, get_args
 import numpy as np
 import numpy.typing as npt
 
+from grs_agents.base import Pose
 from grs_agents.base.errors import InputError, UnknownNameError
 from grs_agents.base.geometry import transforms
 from grs_agents.base.geometry.transforms import FloatArray, pose_matrix
@@ -63,6 +64,7 @@ class SceneCameras:
                 f"pictures of {size[0]} x {size[1]} px", f"ask for 1 to {LARGEST_PICTURE} rows and columns"
             )
         self._size = size
+        self.shift: Pose | None = None  # of each camera in its own frame, m
         self._library = opengl.choose_opengl_library() if backend == "auto" else None if backend == "rays" else backend
         self._automatic = backend == "auto"
         if backend in opengl.LIBRARIES and not opengl.is_opengl_library_working(backend):
@@ -141,6 +143,13 @@ class SceneCameras:
         return self._lenses[name]
 
     def _pose(self, name: str) -> FloatArray:
+        placed = self._unshifted_pose(name)
+        if self.shift is None:
+            return placed
+        position, rotation = self.shift
+        return placed @ pose_matrix(transforms.quaternion_to_matrix(rotation), np.array(position))
+
+    def _unshifted_pose(self, name: str) -> FloatArray:
         if name == "photo" and self._photo is not None:
             position, rotation = self._photo.pose
             return pose_matrix(transforms.quaternion_to_matrix(rotation), np.array(position))

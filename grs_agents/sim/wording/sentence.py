@@ -45,6 +45,40 @@ class Clause:
 
 
 @dataclass(frozen=True)
+class Vocabulary:
+    """Verbs and joints of a sentence; another vocabulary is a paraphrase with the same meaning."""
+
+    verbs: Mapping[str, str]  # in place of those of clauses
+    then: str = ", then "
+    first: str = "first "
+    rest: str = "; nothing else moves."  # the end of a sentence
+
+
+_PLAIN: Final = Vocabulary({})
+_PARAPHRASES: Final = (
+    Vocabulary(
+        {"put": "place", "move": "shift", "turn": "rotate", "stack": "place", "line up": "align", "push": "slide"},
+        ", and then ",
+        "",
+        ", and leave everything else where it is.",
+    ),
+    Vocabulary(
+        {"put": "set", "move": "bring", "turn": "rotate", "stack": "set", "line up": "arrange", "stand": "set"},
+        "; after that, ",
+        "",
+        ". All other objects stay where they are.",
+    ),
+    Vocabulary(
+        {"put": "please put", "move": "please move", "turn": "please turn", "stack": "please stack"}
+        | {"line up": "please line up", "stand": "please stand", "push": "please push"},
+        ", afterwards ",
+        "to begin with, ",
+        " without moving anything else.",
+    ),
+)
+
+
+@dataclass(frozen=True)
 class TaskSentence:
     """A task in words of trusted code."""
 
@@ -72,10 +106,21 @@ def describe_task(
     return TaskSentence(writer.write_specific()[:LONGEST_INSTRUCTION], writer.write_vague())
 
 
+def paraphrase_task(instance: TaskInstance, library: Library) -> tuple[str, ...]:
+    """Three other sentences with the meaning of `describe_task`, by other verbs and joints."""
+    initial = {item.id: item.pose for item in instance.objects}
+    table = TableState(instance, library, initial, predict_final_poses(instance))
+    return tuple(
+        _Writer(table, measured=False, vocabulary=vocabulary).write_specific()[:LONGEST_INSTRUCTION]
+        for vocabulary in _PARAPHRASES
+    )
+
+
 @dataclass(frozen=True)
 class _Writer:
     table: TableState
     measured: bool
+    vocabulary: Vocabulary = _PLAIN
 
     @cached_property
     def nouns(self) -> NounPhrases:
@@ -113,9 +158,9 @@ class _Writer:
     def write_specific(self) -> str:
         """The whole sentence."""
         steps = [self._write_stage(stage) for stage in self.stages]
-        text = ", then ".join(steps)
+        text = self.vocabulary.then.join(steps)
         if len(steps) > 2:
-            text = f"first {text}"
+            text = f"{self.vocabulary.first}{text}"
         moving = {number for stage in self.stages for clause in stage for number in clause.objects}
         others = sorted(self.table.displaced - moving) if self.measured else []
         also = (
@@ -123,7 +168,8 @@ class _Writer:
             if others
             else ""
         )
-        text = f"{text[:1].upper()}{text[1:]}; {also}nothing else {'does' if also else 'moves'}."
+        end = f"; {also}nothing else does." if also else self.vocabulary.rest
+        text = f"{text[:1].upper()}{text[1:]}{end}"
         added = sorted(
             {
                 number
@@ -139,6 +185,9 @@ class _Writer:
             listed = join_with_and(names)
             text += f" {listed[:1].upper()}{listed[1:]} {'are' if plural else 'is'} not in the photo."
         return f"{text} {_SIDES_NOTE}" if _SIDES.search(text) else text
+
+    def _word(self, verb: str) -> str:
+        return self.vocabulary.verbs.get(verb, verb)
 
     def write_vague(self) -> str:
         """The same without names of single objects."""
@@ -321,10 +370,10 @@ class _Writer:
         rest: dict[str, list[str]] = {}  # other clauses by verb
         for clause in clauses:
             if clause.verb == "line up":
-                rest[f"{clause.verb} {clause.text}"] = [f"{clause.verb} {clause.text}"]
+                rest[f"{clause.verb} {clause.text}"] = [f"{self._word(clause.verb)} {clause.text}"]
             elif clause.verb != "put":
                 verb = "push" if self._pushes and clause.verb == "move" else clause.verb
-                text = clause.text if verb in rest else f"{verb} {clause.text}"
+                text = clause.text if verb in rest else f"{self._word(verb)} {clause.text}"
                 rest.setdefault(verb, []).append(text)
             elif clause.turn:
                 turned.setdefault(clause.text, []).append(self._name_turned(clause.objects[0], clause.turn))
@@ -334,7 +383,7 @@ class _Writer:
         for place in dict.fromkeys((*objects, *turned)):
             names = self.nouns.count_together(list(dict.fromkeys(objects.get(place, ()))))
             puts.append(f"{join_with_and([*names, *turned.get(place, ())])} {place}")
-        parts = [f"{'push' if self._pushes else 'put'} {_join_parts(puts)}"] if puts else []
+        parts = [f"{self._word('push' if self._pushes else 'put')} {_join_parts(puts)}"] if puts else []
         return _join_parts([*parts, *(_join_parts(texts) for texts in rest.values())])
 
 

@@ -59,7 +59,8 @@ class GrsEnv(gymnasium.Env[Any, Any]):
     An episode ends (``terminated``) when the task is solved, by the strict score with an empty cup. ``info`` has
     ``is_success``, ``instance`` (its seed), and at the end ``strict_score``. ``reset(seed=...)`` begins in the instance
     of that seed, if it exists, else in an instance that depends on the seed; ``reset(options={"instance": ...})`` names
-    an instance. Equal seeds give equal episodes, to the bit.
+    an instance, ``options={"camera": pose}`` moves every camera by a pose (m, quaternion xyzw) in its own frame. Equal
+    seeds give equal episodes, to the bit.
 
     Raises ``InputError`` for a folder or an argument that cannot be used.
     """
@@ -209,6 +210,7 @@ class GrsEnv(gymnasium.Env[Any, Any]):
                 except SimulationError:
                     if not left:
                         raise
+        self._photographer.shift = (options or {}).get("camera")
         self.episode.begin(self._instance)
         for part in (self._control, self._state, self._photographer, self._renderer):
             part.begin(self.episode)

@@ -6,6 +6,7 @@ from typing import Any, Final, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
+from grs_agents.base import Pose
 from grs_agents.base.errors import UnknownNameError
 from grs_agents.sim.rendering.scene_cameras import CAMERAS, Backend, SceneCameras
 from grs_agents.tasks.envs.task_episode import TaskEpisode
@@ -31,6 +32,7 @@ class Photographer:
                     raise UnknownNameError(kind, name, valid)
         self.cameras, self.modalities, self.size = tuple(cameras), tuple(modalities), size
         self._backend: Backend = renderer
+        self.shift: Pose | None = None  # of each camera in its own frame, m
         self._known: dict[str, SceneCameras] = {}
         self._current: SceneCameras | None = None
 
@@ -94,4 +96,5 @@ class Photographer:
                     self.close()
                 self._known[key] = SceneCameras(shown, self._episode.library, self.size, self.cameras, self._backend)
             self._current = self._known[key]
+        self._current.shift = self.shift
         return self._current

@@ -28,6 +28,7 @@ from grs_agents.sim.rendering.scene_cameras import Backend
 from grs_agents.sim.world.recording import MotionRecording
 from grs_agents.tasks.envs.gym_environment import GrsEnv
 from grs_agents.tasks.suites.layouts import CAMERA, ActionLayout, Layout
+from grs_agents.tasks.suites.perturbation import Effect, Factor, PerturbedEpisode, Trial, fit_effects, perturb_episode
 from grs_agents.tasks.suites.policies import OWN_UNITS, EpisodeStart, Policy, PolicyFailure, check_policy, make_policy
 from grs_agents.tasks.suites.statistics import (
     Interval,
@@ -36,7 +37,7 @@ from grs_agents.tasks.suites.statistics import (
     compare_pairs,
     wilson_interval,
 )
-from grs_agents.tasks.suites.suite import FILE, TASKS, Suite, Tag, Wording, read_suite
+from grs_agents.tasks.suites.suite import FILE, TASKS, Suite, Tag, Wording, find_word_tags, read_suite
 from grs_agents.tasks.worker_pool import map_in_processes
 
 EPISODES, ORDER, SUMMARY, LATENCIES, MOTIONS = (
@@ -54,6 +55,11 @@ _WATCHED: Final = 25
 _TIPPED: Final = math.radians(15)
 
 
+def _is_empty(value: object) -> bool:
+    """Whether to leave a field out of the JSON: evaluations without perturbations have none."""
+    return value is None or value == ()
+
+
 class EvaluationOrder(Frozen):
     """Settings of an evaluation; equal orders of a deterministic policy give equal episodes."""
 
@@ -67,6 +73,14 @@ class EvaluationOrder(Frozen):
     timeout: Annotated[float, Field(gt=0, le=3600)] = 30.0  # of each reply of the policy, s
     latency: Annotated[float, Field(ge=0, le=60)] | Literal["measured"] = 0.0  # s that the robot waits for a reply
     renderer: Backend = "auto"
+    # episodes are repeated with each factor by itself, and with all of them
+    perturb: Annotated[tuple[Factor, ...], Field(exclude_if=_is_empty)] = ()
+
+    @property
+    def conditions(self) -> tuple[tuple[Factor, ...], ...]:
+        """Factors that are drawn together: none, each by itself, all."""
+        together = (self.perturb,) if len(self.perturb) > 1 else ()
+        return ((), *((factor,) for factor in self.perturb), *together)
 
 
 class EpisodeKey(Frozen):
@@ -75,6 +89,7 @@ class EpisodeKey(Frozen):
     task: str
     words: Wording
     episode: int  # 0, 1, ...
+    perturb: Annotated[tuple[Factor, ...], Field(exclude_if=_is_empty)] = ()  # to be drawn
 
 
 class EpisodeResult(EpisodeKey):
@@ -93,6 +108,13 @@ class EpisodeResult(EpisodeKey):
     path: float  # of the tip, m
     disturbed: tuple[str, ...] = ()  # bystanders that ended elsewhere
     dropped: int = 0  # releases from which an object fell
+    factors: Annotated[tuple[Factor, ...], Field(exclude_if=_is_empty)] = ()  # drawn, see ``perturb_episode``
+    camera: Annotated[Pose | None, Field(exclude_if=_is_empty)] = None  # shift of the cameras
+
+    @property
+    def key(self) -> EpisodeKey:
+        """The identity alone."""
+        return EpisodeKey(task=self.task, words=self.words, episode=self.episode, perturb=self.perturb)
 
 
 class TaskSummary(Frozen):
@@ -106,7 +128,7 @@ class TaskSummary(Frozen):
 
 
 class EvaluationSummary(Frozen):
-    """Contents of ``evaluation.json``."""
+    """Contents of ``evaluation.json``; all figures but the effects are of episodes without perturbation."""
 
     version: Literal[1] = 1
     policy: str
@@ -123,6 +145,8 @@ class EvaluationSummary(Frozen):
     seconds: float | None  # simulated time to success, mean
     path: float | None  # of the tip to success, m, mean
     latency: float | None  # of the policy's replies, s, mean
+    effects: tuple[Effect, ...] = ()  # of perturbations and of words on success
+    together: Interval | None = None  # success with all factors drawn, clustered by task
 
 
 def evaluate(
@@ -148,7 +172,7 @@ def evaluate(
     work = map_in_processes(_run_episode, waiting, workers, _set_job, (folder, order, out, str(Path.cwd())))
     with (out / EPISODES).open("a", encoding="utf-8") as file, (out / LATENCIES).open("a", encoding="utf-8") as times:
         for result, latencies in work:
-            rows[EpisodeKey(task=result.task, words=result.words, episode=result.episode)] = result
+            rows[result.key] = result
             for stream, text in ((file, result.model_dump_json()), (times, json.dumps(latencies))):
                 stream.write(f"{text}\n")
                 stream.flush()
@@ -214,7 +238,12 @@ def read_summary(out: Path) -> EvaluationSummary:
 
 def motion_file_name(episode: EpisodeKey) -> str:
     """Name of the recorded motion of an episode, in the folder ``motions``."""
-    return f"{episode.task}-{episode.words}-{episode.episode}.npz"
+    return f"{'-'.join([episode.task, episode.words, str(episode.episode), *episode.perturb])}.npz"
+
+
+def drawn_instance_name(episode: EpisodeKey) -> str:
+    """Name of the instance of a perturbed episode, relative to the folder."""
+    return f"instances/{Path(motion_file_name(episode)).stem}.json"
 
 
 def compare_evaluations(first: Path, second: Path) -> PairedComparison:
@@ -226,10 +255,10 @@ def compare_evaluations(first: Path, second: Path) -> PairedComparison:
     suites = {read_json(folder / ORDER, "evaluate again").get("suite") for folder in (first, second)}
     if len(suites) > 1:
         raise InputError(f"{first} and {second} are evaluations on different suites", "name two of one suite")
-    rows = {(row.task, row.words, row.episode): row for row in read_results(first)}
+    rows = {row.key: row for row in read_results(first)}
     pairs: dict[str, list[tuple[bool, bool]]] = {}
     for row in read_results(second):
-        if (other := rows.get((row.task, row.words, row.episode))) is not None and other.instance == row.instance:
+        if (other := rows.get(row.key)) is not None and other.instance == row.instance:
             pairs.setdefault(row.task, []).append((other.success, row.success))
     if not pairs:
         raise InputError(f"{first} and {second} share no episodes", "evaluate with the same --episodes and --words")
@@ -240,6 +269,8 @@ def summarize(
     suite: Suite, order: EvaluationOrder, results: Sequence[EpisodeResult], latencies: Sequence[float]
 ) -> EvaluationSummary:
     """The figures of an evaluation."""
+    everything = results
+    results = [row for row in everything if not row.perturb]
     by_task = {task.name: [row for row in results if row.task == task.name] for task in suite.tasks}
     by_task = {name: rows for name, rows in by_task.items() if rows}
     tags = {task.name: task.tags for task in suite.tasks}
@@ -278,7 +309,13 @@ def summarize(
         seconds=_mean([row.seconds for row in solved]),
         path=_mean([row.path for row in solved]),
         latency=_mean(latencies),
+        effects=fit_effects([_describe_trial(row) for row in everything]) if order.perturb else (),
+        together=cluster([row for row in everything if row.perturb == order.perturb]) if order.perturb else None,
     )
+
+
+def _describe_trial(row: EpisodeResult) -> Trial:
+    return Trial(task=row.task, factors=row.factors, tags=find_word_tags(row.instruction), success=row.success)
 
 
 def _mean(values: Sequence[float]) -> float | None:
@@ -289,8 +326,9 @@ def _list_episodes(suite: Suite, order: EvaluationOrder) -> Iterator[EpisodeKey]
     for task in suite.tasks:
         if not order.tasks or task.name in order.tasks:
             for words in order.words:
-                for episode in range(order.episodes):
-                    yield EpisodeKey(task=task.name, words=words, episode=episode)
+                for factors in order.conditions:
+                    for episode in range(order.episodes):
+                        yield EpisodeKey(task=task.name, words=words, episode=episode, perturb=factors)
 
 
 def _open_results(out: Path, order: EvaluationOrder) -> dict[EpisodeKey, EpisodeResult]:
@@ -301,7 +339,7 @@ def _open_results(out: Path, order: EvaluationOrder) -> dict[EpisodeKey, Episode
             raise InputError(f"{out} holds an evaluation with other settings", "name another folder with --out")
         rows = read_results(out) if (out / EPISODES).is_file() else []
         write_text(out / EPISODES, "".join(f"{row.model_dump_json()}\n" for row in rows), durable=True)
-        return {EpisodeKey(task=row.task, words=row.words, episode=row.episode): row for row in rows}
+        return {row.key: row for row in rows}
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out} is there and holds no evaluation", "name another folder with --out")
     (out / MOTIONS).mkdir(parents=True, exist_ok=True)
@@ -385,12 +423,17 @@ def _run_episode(key: EpisodeKey) -> tuple[EpisodeResult, list[float]]:
     task = job.suite.task(key.task)
     env, layout = job.environment(key.task)
     instance = task.seeds[key.episode % len(task.seeds)]
-    drawn = env.instances[instance]  # whose distances are its own
+    seed = int.from_bytes(sha256(f"{job.order.seed} {key.model_dump_json()}".encode()).digest()[:4], "big")
+    perturbed = PerturbedEpisode(instance=env.folder.read_instance(instance), factors=())
+    if key.perturb:
+        perturbed = perturb_episode(perturbed.instance, key.perturb, seed, env.folder.library)
+        write_json(job.out / drawn_instance_name(key), perturbed.instance.model_dump(mode="json"))
+    env.instances[instance] = drawn = perturbed.instance  # whose distances are its own
     instruction = drawn.instruction if key.words == "specific" and drawn.instruction else task.words[key.words]
-    observed, _ = env.reset(options={"instance": instance})
+    instruction = perturbed.instruction or instruction
+    observed, _ = env.reset(options={"instance": instance, "camera": perturbed.camera})
     watch = _Watch(env)
     recording = MotionRecording(env.episode.physics, env.episode.task.ids)
-    seed = int.from_bytes(sha256(f"{job.order.seed} {key.model_dump_json()}".encode()).digest()[:4], "big")
     low, high = env.action_bounds
     start = EpisodeStart(instruction, drawn, env.folder.library, low, high, seed)
     outcome, detail, latencies = "horizon", "", list[float]()
@@ -421,7 +464,8 @@ def _run_episode(key: EpisodeKey) -> tuple[EpisodeResult, list[float]]:
     except TimeoutError:
         outcome, detail = "timeout", f"no action within {job.order.timeout:g} s"
     recording.save(job.out / MOTIONS / motion_file_name(key))
-    return watch.result(key, instance, instruction, outcome, detail[:500]), latencies
+    result = watch.result(key, instance, instruction, outcome, detail[:500])
+    return result.model_copy(update={"factors": perturbed.factors, "camera": perturbed.camera}), latencies
 
 
 @contextmanager

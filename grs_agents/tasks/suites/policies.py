@@ -70,9 +70,12 @@ class RandomPolicy:
 
 
 class ExpertPolicy:
-    """The expert's episode, replayed through the control ``joint_position`` or ``joint_velocity``."""
+    """The expert's episode, replayed through the control ``joint_position`` or ``joint_velocity``.
 
-    def __init__(self, control: str) -> None:
+    A class derived from it, named as a policy, gets the whole `EpisodeStart`: an expert with a fault of one's own.
+    """
+
+    def __init__(self, control: str = "joint_position") -> None:
         if control not in ("joint_position", "joint_velocity"):
             raise InputError(f"the policy oracle does not act by {control}", "use a layout with joint_position")
         self._control = control
@@ -143,7 +146,8 @@ def make_policy(name: str, layout: Layout, timeout: float) -> Policy:
     if kind == "openpi":
         return OpenpiPolicy(rest, timeout)
     if _CLASS.fullmatch(name):
-        return ClassPolicy(_find_class(kind, rest)())
+        custom = _find_class(kind, rest)()
+        return custom if isinstance(custom, ExpertPolicy) else ClassPolicy(custom)
     raise UnknownNameError("policy", name, NAMES)
 
 

@@ -187,9 +187,6 @@ def find_tags(instance: TaskInstance, words: str) -> tuple[Tag, ...]:
     kinds = {goal.relation_kind for goal in instance.goals}
     moved = [number for goal in instance.goals for number in goal.objects]
     applies: Mapping[Tag, bool] = {
-        "color": bool(_COLORS.search(spoken)),
-        "size": bool(_SIZES.search(spoken)),
-        "kind": not (_COLORS.search(spoken) or _SIZES.search(spoken)),
         "in": bool(kinds & set(_IN)),
         "on": bool(kinds & set(_ON)) or any(goal.metric == "zone" for goal in instance.goals),
         "beside": bool(kinds & set(_BESIDE)),
@@ -199,6 +196,14 @@ def find_tags(instance: TaskInstance, words: str) -> tuple[Tag, ...]:
         "several moves": len(set(moved)) > 1,
         "pushing": instance.primitive == "push",
     }
+    return (*find_word_tags(words), *(tag for tag, holds in applies.items() if holds))
+
+
+def find_word_tags(words: str) -> tuple[Tag, ...]:
+    """Tags of an instruction: how its words tell objects apart."""
+    spoken = words.lower()
+    color, size = bool(_COLORS.search(spoken)), bool(_SIZES.search(spoken))
+    applies: Mapping[Tag, bool] = {"color": color, "size": size, "kind": not (color or size)}
     return tuple(tag for tag, holds in applies.items() if holds)
 
 

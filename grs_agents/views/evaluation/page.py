@@ -15,10 +15,12 @@ from grs_agents.tasks.suites.evaluation import (
     MOTIONS,
     EpisodeResult,
     EvaluationSummary,
+    drawn_instance_name,
     motion_file_name,
     read_results,
     read_summary,
 )
+from grs_agents.tasks.suites.perturbation import Effect
 from grs_agents.tasks.suites.statistics import Interval
 from grs_agents.tasks.suites.suite import Suite, open_suite_task, read_suite
 from grs_agents.views.film.rollout_film import (
@@ -38,6 +40,8 @@ _LONGEST: Final = 80
 """Frames of a film; longer episodes are shown faster."""
 _WIDTH: Final = 320
 """Pixels of a bar of 100 %."""
+_MOST_LOG_ODDS: Final = 8.0
+"""Ends of the axis of effects: beyond them success is all or nothing."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,30 @@ class Bar:
     def high(self) -> float:
         """Upper end of the interval."""
         return _WIDTH * self.interval.high
+
+
+@dataclass(frozen=True)
+class EffectView:
+    """An effect as a point with its interval on an axis of log odds; x in pixels."""
+
+    effect: Effect
+
+    @property
+    def text(self) -> str:
+        """The effect in words."""
+        odds, alone = self.effect.log_odds, self.effect.alone
+        rate = f", {alone.mean:.0%} of {alone.count} with it alone" if alone.count else ""
+        return f"{odds.value:+.1f} ({odds.low:+.1f} to {odds.high:+.1f}), {self.effect.verdict}{rate}"
+
+    @property
+    def places(self) -> tuple[float, float, float]:
+        """Coefficient, and ends of its interval."""
+        odds = self.effect.log_odds
+        value, low, high = (
+            _WIDTH * (0.5 + 0.5 * min(max(number / _MOST_LOG_ODDS, -1.0), 1.0))
+            for number in (odds.value, odds.low, odds.high)
+        )
+        return value, low, high
 
 
 @dataclass(frozen=True)
@@ -94,6 +122,7 @@ def render_evaluation_page(suite_folder: Path, out: Path, show: Callable[[str], 
         groups={
             title: [_bar(name, interval) for name, interval in rows.items()] for title, rows in groups.items() if rows
         },
+        effects=[EffectView(effect) for effect in summary.effects],
         tasks=tasks,
         failures=[row for row in results if not row.success][:200],
         width=_WIDTH,
@@ -150,8 +179,9 @@ def _caption(row: EpisodeResult) -> str:
 def _plan_take(suite: Suite, suite_folder: Path, row: EpisodeResult, out: Path) -> Take:
     """The shot and the frame times of an episode; its instance is written beside its motion."""
     folder = open_suite_task(suite_folder, suite.task(row.task))
-    instance = f"instances/{row.task}-{row.instance}.json"
-    write_json(out / instance, folder.read_instance(row.instance).model_dump(mode="json"))
+    instance = drawn_instance_name(row) if row.perturb else f"instances/{row.task}-{row.instance}.json"
+    if not row.perturb:
+        write_json(out / instance, folder.read_instance(row.instance).model_dump(mode="json"))
     event = Rollout(
         seed=row.instance,
         reward=row.strict,

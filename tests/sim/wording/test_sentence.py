@@ -7,7 +7,7 @@ import pytest
 
 from grs_agents.library.library import Library
 from grs_agents.sim import TaskInstance
-from grs_agents.sim.wording.sentence import describe_task
+from grs_agents.sim.wording.sentence import describe_task, paraphrase_task
 
 Json = dict[str, Any]
 FLAT = (0.0, 0.0, 0.0, 1.0)
@@ -49,13 +49,16 @@ def placed(number: int, *spots: tuple[float, ...], symmetry: float = 0.0) -> Jso
     return {"objects": [number], "matches": [[1] * len(spots)], "targets": targets, "metric": "pose", **turned}
 
 
-def tell(*goals: Json, **changes: Any) -> str:
-    """The sentence of a task without a measured end."""
+def task_of(*goals: Json, **changes: Any) -> TaskInstance:
     usual = {"replace": False, "rotations": False, "max_reward": 1 / len(goals), "language": "a plain lie"}
     filled = [{**usual, "symmetries": [0.0] * len(goal["objects"]), **goal} for goal in goals]
     plain = {"task": "Lie", "seed": 0, "max_steps": 8, "timestep": 0.004}
-    instance = TaskInstance.model_validate({**plain, "objects": OBJECTS, "goals": filled, **changes})
-    return describe_task(instance, Library()).specific
+    return TaskInstance.model_validate({**plain, "objects": OBJECTS, "goals": filled, **changes})
+
+
+def tell(*goals: Json, **changes: Any) -> str:
+    """The sentence of a task without a measured end."""
+    return describe_task(task_of(*goals, **changes), Library()).specific
 
 
 @pytest.mark.parametrize(
@@ -214,3 +217,15 @@ def test_an_instruction_replaces_the_programs_words_and_is_left_out_where_there_
     assert instance.language == "a lie" and "instruction" not in instance.model_dump(mode="json")
     assert not {"name", "added"} & instance.model_dump(mode="json")["objects"][0].keys()
     assert instance.model_copy(update={"instruction": "Put it there."}).language == "Put it there."
+
+
+def test_paraphrases_change_verbs_and_joints_alone() -> None:
+    goals = (related("inside", [RED], BOX), related("stacked", [BOX, TUNA]))
+    assert tell(*goals).startswith("Put the red block in the ")
+    texts = paraphrase_task(task_of(*goals), Library())
+    assert len({*texts, tell(*goals)}) == 4
+    for text, verb in zip(texts, ("Place", "Set", "Please put"), strict=True):
+        assert text.startswith(f"{verb} the red block in the ") and "tuna can" in text
+        assert "nothing else moves" not in text
+    (pushed, *_) = paraphrase_task(task_of(related("inside", [RED], ZONE), primitive="push"), Library())
+    assert pushed.startswith("Slide the red block")

@@ -15,6 +15,7 @@ import pytest
 from websockets.sync.server import ServerConnection, serve
 
 from grs_agents.base.errors import InputError
+from grs_agents.sim.variation.types import Variation
 from grs_agents.tasks.suites.evaluation import (
     EpisodeResult,
     EvaluationSummary,
@@ -24,7 +25,9 @@ from grs_agents.tasks.suites.evaluation import (
     read_results,
 )
 from grs_agents.tasks.suites.layouts import PRESETS, Layout, read_layout
-from grs_agents.tasks.suites.suite import open_suite_task, read_suite
+from grs_agents.tasks.suites.policies import EpisodeStart, ExpertPolicy
+from grs_agents.tasks.suites.suite import find_word_tags, make_suite, open_suite_task, read_suite
+from grs_agents.views.evaluation.page import render_evaluation_page
 from tests.cli.command import grs
 from tests.tasks.suites.conftest import SPECIFIC
 
@@ -50,6 +53,15 @@ class Hanging(Idle):
 class Wrong(Idle):
     def act(self, observation: dict[str, Any]) -> Any:
         return np.zeros(3)
+
+
+class ColorBlind(ExpertPolicy):
+    """Rests where words tell objects by colour."""
+
+    def reset(self, start: EpisodeStart) -> None:
+        super().reset(start)
+        if "color" in find_word_tags(start.instruction):
+            self._next = len(self._actions)
 
 
 class Told(Idle):
@@ -315,3 +327,43 @@ def test_the_command_prints_figures_and_processes_agree(suite_folder: Path, tmp_
     assert table == [row.model_dump(mode="json") for row in read_results(tmp_path / "one")]
     done = grs("compare", "one", "two", folder=tmp_path)
     assert "+0.0 points" in done.stdout
+
+
+@pytest.fixture(scope="session")
+def colorful_suite(runs: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Six tasks; the words of the first three tell the block by its colour."""
+    folder = tmp_path_factory.mktemp("suites") / "colorful"
+    make_suite(folder, [runs[0]] * 3 + [runs[1]] * 3, "colorful", 1, Variation(), workers=1)
+    return folder
+
+
+def test_the_table_shows_blindness_to_color(colorful_suite: Path, tmp_path: Path) -> None:
+    summary, rows = judge(colorful_suite, tmp_path / "out", own("ColorBlind"), perturb=("camera",))
+    assert len(rows) == 6 * 2
+    assert all(row.success == ("color" not in find_word_tags(row.instruction)) for row in rows)
+    verdicts = {effect.factor: effect.verdict for effect in summary.effects}
+    assert verdicts == {"camera": "not shown", "told by color": "costs success"}
+    assert {row.camera is not None for row in rows if row.factors} == {True}
+    page = render_evaluation_page(colorful_suite, tmp_path / "out")
+    assert "Effect of each factor" in page and "costs success" in page
+
+
+def test_no_factor_costs_the_expert_success(suite_folder: Path, tmp_path: Path) -> None:
+    perturb = ("light", "mass", "words")
+    summary, rows = judge(suite_folder, tmp_path / "out", "oracle", perturb=perturb)
+    assert [row.perturb for row in rows[:5]] == [(), ("light",), ("mass",), ("words",), perturb]
+    assert all(row.success and row.factors == row.perturb for row in rows)
+    assert {effect.verdict for effect in summary.effects} == {"not shown"}
+    assert summary.success.count == 2 and summary.together is not None and summary.together.count == 2
+    drawn = {
+        name: json.loads((tmp_path / "out" / "instances" / f"put-block-left-default-0-{name}.json").read_text())
+        for name in perturb
+    }
+    assert drawn["mass"]["objects"][0]["mass"] and not drawn["words"]["objects"][0]["mass"]
+    assert drawn["light"]["light"] != drawn["words"]["light"]
+    assert "words" not in rows[0].factors and rows[3].instruction != rows[0].instruction
+
+
+def test_an_unknown_factor_is_refused(suite_folder: Path) -> None:
+    with pytest.raises(InputError, match="'camera', 'light'"):
+        make_order(suite_folder, "oracle", PRESETS["grs"], perturb=("color",))
