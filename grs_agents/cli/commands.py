@@ -100,6 +100,11 @@ RunFolder = Annotated[
 ]
 _PORTABLE = "For MuJoCo 3.3 and dm_control too: suction by an adhesion actuator, no sleep."
 _FOLDER = "A new or empty folder, or an earlier export; beside the run by default."
+_EPISODE = "Of an evaluation: a name of motions/ without .npz; with --suite."
+Episode = Annotated[str | None, typer.Option("--episode", help=_EPISODE, metavar="NAME")]
+EvaluatedSuite = Annotated[
+    Path | None, typer.Option("--suite", help="The suite of the evaluation, for --episode.", metavar="DIR")
+]
 RunStatus = Literal["running", "accepted", "rejected", "failed", "interrupted", "waiting"]
 _POLICY = "oracle, random, openpi:ws://HOST:PORT or package.module:Class."
 _LATENCY = "Simulated seconds that the robot waits for each reply."
@@ -355,14 +360,20 @@ def replay(
     web: Annotated[bool, typer.Option("--web", help="Open the viewer in a browser.")] = False,
     window: Annotated[bool, typer.Option("--mujoco", help="Play a rollout in MuJoCo's window instead.")] = False,
     seed: RolloutSeed = None,
+    episode: Episode = None,
+    suite: EvaluatedSuite = None,
     json: Json = False,
 ) -> None:
     """Open the recording of a run in the rerun viewer, on 127.0.0.1.
 
-    Two runs stand side by side.
+    Two runs stand side by side. Of an evaluation --episode names one of its episodes.
     """
     from grs_agents.cli.show import open_run_viewer, play_in_window
 
+    if episode is not None:
+        from grs_agents.cli.suites import open_episode_viewer
+
+        sys.exit(open_episode_viewer(run, suite, episode, web, json))
     sys.exit(play_in_window(run, seed) if window else open_run_viewer(run, beside, web, json))
 
 
@@ -373,16 +384,22 @@ def report(
     seed: RolloutSeed = None,
     large: Annotated[bool, typer.Option("--hd", help="A film of 1280x720 instead of 640x480.")] = False,
     otel: Otel = False,
+    episode: Episode = None,
+    suite: EvaluatedSuite = None,
     json: Json = False,
 ) -> None:
     """Write a run as a page, a film of the robot, or the recording.
 
     The file needs nothing else. Its ending says which: .html for a page, .webp, .mp4 or .gif for a film, .rrd for the
-    recording.
+    recording. Of an evaluation --episode names one of its episodes, for a film or a recording.
     """
     from grs_agents.cli.run_outputs import send_otel_spans, write_run_as_file
 
-    if otel:
+    if episode is not None:
+        from grs_agents.cli.suites import write_episode_as_file
+
+        write_episode_as_file(run, suite, episode, out, large, json)
+    elif otel:
         send_otel_spans(run, json)
     else:
         write_run_as_file(run, out, seed, large, json)

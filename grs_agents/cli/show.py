@@ -84,7 +84,7 @@ def open_run_viewer(folder: Path, beside: Path | None, web: bool, as_json: bool)
         if beside is None:
             with show_activity_status("making the recording"):
                 recording = make_recording(folder, Path(temporary) / "trace.rrd")
-            return _open_viewer_and_wait(recording, web, as_json)
+            return open_viewer_and_wait(recording, web, as_json)
         from grs_agents.views.common.foreign_decoding import decode_in_worker
         from grs_agents.views.rerun.rerun_view import record_comparison
 
@@ -92,10 +92,10 @@ def open_run_viewer(folder: Path, beside: Path | None, web: bool, as_json: bool)
         runs = [(folder, Library()), (beside, Library())]
         with decode_in_worker(folder, beside):
             recording = record_comparison(runs, Path(temporary) / "both.rrd")
-        return _open_viewer_and_wait(recording, web, as_json)
+        return open_viewer_and_wait(recording, web, as_json)
 
 
-def _open_viewer_and_wait(recording: Path, web: bool, as_json: bool) -> int:
+def open_viewer_and_wait(recording: Path, web: bool, as_json: bool) -> int:
     """Open the viewer on ``recording`` and wait until it is closed."""
     from grs_agents.views.rerun.viewer import WebAddress, open_viewer
 

@@ -1,6 +1,9 @@
 """``grs suite`` and ``grs evaluate``."""
 
-from collections.abc import Iterator, Sequence
+import tempfile
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +14,7 @@ from rich.text import Text
 
 from grs_agents.base import terminal
 from grs_agents.base.errors import InputError
-from grs_agents.base.files import write_text
+from grs_agents.base.files import check_output_path, write_file_or_stdout, write_text
 from grs_agents.base.foreign.run_folder import REMEDY, is_relative_subpath
 from grs_agents.base.tables import write_table
 from grs_agents.base.terminal import print_escaped, print_json
@@ -29,7 +32,10 @@ from grs_agents.tasks.suites.evaluation import (
 from grs_agents.tasks.suites.layouts import read_layout
 from grs_agents.tasks.suites.statistics import PairedComparison
 from grs_agents.tasks.suites.suite import list_changes_of_suite, make_suite
+from grs_agents.views.common.foreign_decoding import decode_in_worker
+from grs_agents.views.evaluation.episodes import find_episode, make_episode_shot
 from grs_agents.views.evaluation.page import render_evaluation_page
+from grs_agents.views.film.rollout_film import HIGH_DEFINITION, SUFFIXES, RolloutShot, write_film
 from grs_agents.views.terminal import show_activity_status
 
 
@@ -133,6 +139,51 @@ def evaluate_policy(
         return 0
     _print_summary(place, summary)
     return 0
+
+
+def open_episode_viewer(out: Path, suite: Path | None, name: str, web: bool, as_json: bool) -> int:
+    """Open the rerun viewer on an episode of the evaluation in ``out``."""
+    from grs_agents.cli.show import open_viewer_and_wait
+    from grs_agents.views.rerun.episode_view import record_episode
+
+    with tempfile.TemporaryDirectory() as temporary:
+        with _decoded_episode(out, suite, name) as (shot, row):
+            recording = record_episode(shot, row, Path(temporary) / "episode.rrd")
+        return open_viewer_and_wait(recording, web, as_json)
+
+
+def write_episode_as_file(
+    out: Path, suite: Path | None, name: str, file: Path | None, large: bool, as_json: bool
+) -> None:
+    """Write an episode of the evaluation in ``out`` as a recording or a film, by the suffix of ``file``."""
+    if file is None or file.suffix.lower() not in (*SUFFIXES, ".rrd"):
+        endings = ", ".join((*SUFFIXES, ".rrd"))
+        raise InputError(f"cannot write an episode as {file}", f"name a file with --out that ends in one of {endings}")
+    from grs_agents.views.rerun.episode_view import record_episode
+
+    check_output_path(file)
+    with show_activity_status("drawing the episode") as show, _decoded_episode(out, suite, name) as (shot, row):
+        if file.suffix.lower() == ".rrd":
+            with tempfile.TemporaryDirectory() as temporary:
+                recording = record_episode(shot, row, Path(temporary) / "episode.rrd")
+                write_file_or_stdout(file, recording.read_bytes())
+        else:
+            width, height = HIGH_DEFINITION if large else (shot.width, shot.height)
+            write_film(replace(shot, width=width, height=height), file, show=show)
+    if as_json:
+        print_json({"file": str(file), "bytes": file.stat().st_size})
+    else:
+        print_escaped(f"{file}: {file.stat().st_size / 2**20:.1f} MiB")
+
+
+@contextmanager
+def _decoded_episode(out: Path, suite: Path | None, name: str) -> Generator[tuple[RolloutShot, EpisodeResult]]:
+    """An episode, with the pictures and motions of both folders decoded in a worker."""
+    if suite is None:
+        raise InputError("--episode needs the suite of the evaluation", "name its folder with --suite")
+    row = find_episode(suite, out, name)
+    with decode_in_worker(out, suite):
+        yield make_episode_shot(suite, out, row), row
 
 
 def print_paired_comparison(first: Path, second: Path, as_json: bool) -> int:

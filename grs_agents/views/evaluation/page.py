@@ -2,29 +2,23 @@
 
 import base64
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import Final
 
 from grs_agents.base.errors import GrsError
-from grs_agents.base.files import write_json
 from grs_agents.base.templates import load_template
-from grs_agents.base.trace.events import Rollout
 from grs_agents.tasks.suites.evaluation import (
-    MOTIONS,
     EpisodeResult,
     EvaluationSummary,
-    drawn_instance_name,
-    motion_file_name,
     read_results,
     read_summary,
 )
 from grs_agents.tasks.suites.perturbation import Effect
 from grs_agents.tasks.suites.statistics import Interval
-from grs_agents.tasks.suites.suite import Suite, open_suite_task, read_suite
+from grs_agents.views.evaluation.episodes import make_episode_shot
 from grs_agents.views.film.rollout_film import (
-    RolloutShot,
     Take,
     draw_take_captions,
     encode_animation,
@@ -112,8 +106,8 @@ class TaskView:
 
 def render_evaluation_page(suite_folder: Path, out: Path, show: Callable[[str], None] = lambda _: None) -> str:
     """The page of the evaluation in ``out``, of the suite in ``suite_folder``. Raises InputError: either is none."""
-    suite, summary, results = read_suite(suite_folder), read_summary(out), read_results(out)
-    tasks = list(_describe_tasks(suite, suite_folder, summary, results, out, show))
+    summary, results = read_summary(out), read_results(out)
+    tasks = list(_describe_tasks(suite_folder, summary, results, out, show))
     groups = {"By tag": summary.by_tag, "By words": summary.by_words if len(summary.by_words) > 1 else {}}
     return load_template(Path(__file__).with_name("page.html")).render(
         policy=POLICY,
@@ -136,7 +130,6 @@ def _bar(name: str, interval: Interval) -> Bar:
 
 
 def _describe_tasks(
-    suite: Suite,
     suite_folder: Path,
     summary: EvaluationSummary,
     results: Sequence[EpisodeResult],
@@ -149,16 +142,16 @@ def _describe_tasks(
             rows = (row for row in results if row.task == item.task and row.success == success)
             shown += [row] if (row := next(rows, None)) else []
     show(f"{len(shown)} films")
-    films = dict(zip(shown, _draw_films(suite, suite_folder, shown, out), strict=True))
+    films = dict(zip(shown, _draw_films(suite_folder, shown, out), strict=True))
     for item in summary.tasks:
         words = ", ".join(dict.fromkeys(row.instruction for row in results if row.task == item.task))
         own = tuple(film for row, film in films.items() if row.task == item.task)
         yield TaskView(_bar(item.task, item.success), words, tuple(item.tags), own)
 
 
-def _draw_films(suite: Suite, suite_folder: Path, rows: Sequence[EpisodeResult], out: Path) -> list[Film]:
+def _draw_films(suite_folder: Path, rows: Sequence[EpisodeResult], out: Path) -> list[Film]:
     """Films of episodes from their recorded motions, drawn by a single process."""
-    takes = [_plan_take(suite, suite_folder, row, out) for row in rows]
+    takes = [_plan_take(suite_folder, row, out) for row in rows]
     films: list[Film] = []
     try:
         images = render_takes(takes) if takes else iter(())
@@ -176,19 +169,7 @@ def _caption(row: EpisodeResult) -> str:
     return f"{caption}: {row.detail}" if row.detail else caption
 
 
-def _plan_take(suite: Suite, suite_folder: Path, row: EpisodeResult, out: Path) -> Take:
-    """The shot and the frame times of an episode; its instance is written beside its motion."""
-    folder = open_suite_task(suite_folder, suite.task(row.task))
-    instance = drawn_instance_name(row) if row.perturb else f"instances/{row.task}-{row.instance}.json"
-    if not row.perturb:
-        write_json(out / instance, folder.read_instance(row.instance).model_dump(mode="json"))
-    event = Rollout(
-        seed=row.instance,
-        reward=row.strict,
-        outcome=row.outcome,
-        steps=row.steps,
-        recording=f"{MOTIONS}/{motion_file_name(row)}",
-        instance=instance,
-    )
-    shot = RolloutShot(out.resolve(), event, folder.library, *_SIZE)
+def _plan_take(suite_folder: Path, row: EpisodeResult, out: Path) -> Take:
+    """The shot and the frame times of an episode."""
+    shot = replace(make_episode_shot(suite_folder, out, row), width=_SIZE[0], height=_SIZE[1])
     return make_film_take(shot, min(_RATE, _LONGEST / max(shot.recorded_motion.duration_seconds, 1.0)))

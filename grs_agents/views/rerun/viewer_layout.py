@@ -25,6 +25,11 @@ def build_comparison_blueprint(runs: Sequence[tuple[str, str, tuple[str, ...]]])
     return _make_blueprint(rrb.Horizontal(*columns))
 
 
+def build_episode_blueprint() -> rrb.Blueprint:
+    """Layout of a single episode of an evaluation: the rollout in 3D, beside it its figures."""
+    return _make_blueprint(_Views(()).episode_view())
+
+
 def _make_blueprint(content: rrb.Container) -> rrb.Blueprint:
     return rrb.Blueprint(
         content,
@@ -89,6 +94,10 @@ class _Views:
         tokens = rrb.TimeSeriesView(origin=self._prefixed_path(f"{Paths.METRICS}/tokens"), name="Tokens")
         beside = rrb.Vertical(picture, tokens, row_shares=[3, 2])
         return rrb.Horizontal(*self._document_views("PROMPT REPLY"), beside, column_shares=[3, 3, 2], name="Models")
+
+    def episode_view(self) -> rrb.Horizontal:
+        """A single rollout beside its document."""
+        return rrb.Horizontal(self._rollout_3d_view(), self._document_view("TASK"), column_shares=[5, 2])
 
     def comparison_column(self, name: str) -> rrb.Vertical:
         """A run of a comparison."""
