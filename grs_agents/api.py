@@ -214,6 +214,7 @@ def check(
     tests: Path | str | None = None,
     task: Path | str | None = None,
     photo: Path | str | None = None,
+    out: Path | str | None = None,
     config: Path | str | None = None,
     **settings: Any,
 ) -> CheckResult:
@@ -224,16 +225,17 @@ def check(
         tests: pytest file of the program.
         task: a ``task.json``; without it the wording is not judged.
         photo: the reference of the program: a photo, its ``scene.json``, or the folder of a run of it.
+        out: a new or empty folder, in which an accepted task is kept for `make_env` and the commands that use tasks.
         config: a TOML file.
         **settings: of the configuration.
 
     Raises:
         ConfigError, InputError: a file or setting is refused.
     """
-    tests, task, photo = (None if file is None else Path(file) for file in (tests, task, photo))
+    tests, task, photo, out = (None if file is None else Path(file) for file in (tests, task, photo, out))
     chosen = load_config(None if config is None else Path(config), overrides=settings)
     views = partial(attach_live_views, progress=False)
-    with open_check_order(Path(program), tests, task, photo, chosen, views) as order:
+    with open_check_order(Path(program), tests, task, photo, chosen, views, out) as order:
         return check_user_program(order)
 
 

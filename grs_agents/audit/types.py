@@ -1,7 +1,7 @@
 """The audit's findings."""
 
 from collections.abc import Iterable, Sequence
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 from grs_agents.base import Frozen, Pose, Vec3
 from grs_agents.sim.rollouts import Rollout
@@ -81,12 +81,22 @@ class AuditReport(Frozen):
     vague: str = ""  # the same without names of single objects
     words: JudgedWords | None = None  # on the task's description; None if there is none, or a check before it fails
 
-    def list_instructions(self, description: str) -> dict[str, Instruction]:
-        """Instructions by how much they say: ``vague``, ``default`` (the author's words) and ``specific``."""
+    def words_as_json(self, description: str) -> dict[str, Any]:
+        """``sentence`` and ``instructions`` of a ``task.json``; empty without a sentence.
+
+        Instructions by how much they say: ``vague``, ``default`` (the author's words, ``description``) and
+        ``specific``, each with a verdict.
+        """
+        if not self.sentence:
+            return {}
         made = {"verdict": "agree", "by": BY_GOALS, "why": "made of the goals by trusted code"}
         judged = {} if self.words is None else {"default": {**self.words.model_dump(), "text": description}}
         texts = {"vague": {**made, "text": self.vague}, **judged, "specific": {**made, "text": self.sentence}}
-        return {name: Instruction.model_validate(fields) for name, fields in texts.items()}
+        instructions = {name: Instruction.model_validate(fields) for name, fields in texts.items()}
+        return {
+            "sentence": self.sentence,
+            "instructions": {name: item.model_dump(mode="json") for name, item in instructions.items()},
+        }
 
     def with_findings(self, further: Sequence[AuditFinding]) -> "AuditReport":
         """The report with more findings; accepted if they pass, too."""

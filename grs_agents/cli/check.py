@@ -15,12 +15,21 @@ from grs_agents.views.terminal import show_activity_status
 
 
 def check_program(
-    program: Path, tests: Path | None, task: Path | None, scene: Path | None, chosen: EffectiveConfig, as_json: bool
+    program: Path,
+    tests: Path | None,
+    task: Path | None,
+    scene: Path | None,
+    chosen: EffectiveConfig,
+    out: Path | None,
+    as_json: bool,
 ) -> int:
-    """Check a program and print the result. Returns: exit status, 0 if its tests pass and the audit accepts it, else
-    1."""
+    """Check a program and print the result; an accepted task is kept in ``out``.
+
+    Returns:
+        Exit status, 0 if its tests pass and the audit accepts it, else 1.
+    """
     with (
-        open_check_order(program, tests, task, scene, chosen, attach_live_views) as order,
+        open_check_order(program, tests, task, scene, chosen, attach_live_views, out) as order,
         show_activity_status("checking the program"),
     ):
         result = check_user_program(order)
@@ -48,6 +57,8 @@ def check_program(
             console.print(Text(f"sentence: {result.audit.sentence}", style="bold"))
         if (words := result.audit.words) is not None and words.verdict != "agree":
             console.print(Text(f"words: {words.verdict}, says {words.by}: {words.why}"))
+        if out is not None and result.accepted:
+            console.print(Text(f"{out} holds the task: grs instances, demos, export, suite and gymnasium take it"))
     return 0 if result.accepted else 1
 
 

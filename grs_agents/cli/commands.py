@@ -206,6 +206,9 @@ def check(
     task: Annotated[Path | None, typer.Option("--task", help=_TASK, metavar="TASK.json")] = None,
     scene: Annotated[Path | None, typer.Option("--scene", help=_SCENE, metavar="SCENE")] = None,
     seeds: Seeds = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="A new folder for the task, if accepted.", metavar="DIR")
+    ] = None,
     config: ConfigFile = None,
     settings: Settings = None,
     json: Json = False,
@@ -219,7 +222,7 @@ def check(
 
     extra = [] if seeds is None else [f"audit.seeds={seeds}"]
     chosen = load_effective_config(config, [*(settings or []), *extra], unsafe=unsafe)
-    sys.exit(check_program(simulation, tests, task, scene, chosen, json))
+    sys.exit(check_program(simulation, tests, task, scene, chosen, out, json))
 
 
 @app.command(rich_help_panel="Look")

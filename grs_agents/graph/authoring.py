@@ -108,11 +108,8 @@ def write_task_file(
     written = task.as_json()
     if revised is not None:
         written["revised"] = revised
-    if audit is not None and audit.sentence:
-        written["sentence"] = audit.sentence
-        written["instructions"] = {
-            name: judged.model_dump(mode="json") for name, judged in audit.list_instructions(task.description).items()
-        }
+    if audit is not None:
+        written |= audit.words_as_json(task.description)
     write_json(services.folder / "task.json", written)
     services.log.append(TaskDefined(task=written))
 

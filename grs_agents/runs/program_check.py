@@ -16,10 +16,12 @@ from grs_agents.base.config.load import EffectiveConfig, change_config
 from grs_agents.base.config.recorded import RecordedConfig
 from grs_agents.base.config.schema import Config
 from grs_agents.base.errors import InputError
+from grs_agents.base.files import copy_folder, write_json, write_text
 from grs_agents.base.foreign.files import read_json, read_text
 from grs_agents.base.foreign.run_folder import check_run_folder
 from grs_agents.base.trace.log import EventLog
 from grs_agents.graph.auditing import audit_programs
+from grs_agents.graph.authoring import PROGRAM_FILES
 from grs_agents.graph.bystanders import program_tool_settings
 from grs_agents.graph.policies.policy_registry import load_policy
 from grs_agents.graph.rejection import explain_rejection
@@ -31,7 +33,7 @@ from grs_agents.runs.record import read_record
 from grs_agents.runs.run_opening import RunOrder
 from grs_agents.runs.sandbox_setup import open_sandbox
 from grs_agents.sandbox.protocol.report import TestReport
-from grs_agents.sim.arms.arm_files import check_foreign_robot, find_arm_file
+from grs_agents.sim.arms.arm_files import ROBOT_FOLDER, check_foreign_robot, find_arm_file
 
 if TYPE_CHECKING:
     from grs_agents.runs.execution import Views
@@ -70,6 +72,7 @@ class CheckOrder:
     scene: Path | None = None  # a `scene.json`; without it the program is not compared with a photo
     assets: Path | None = None  # assets of the photo's objects and background, overlaid on the library
     name: str = "task_code"  # alternative module name of the program in the tests
+    out: Path | None = None  # new or empty folder for an accepted task, as `grs instances` and the like take it
 
 
 def check_user_program(
@@ -96,7 +99,24 @@ def check_user_program(
             setup = program_tool_settings(scene, services)
             report = services.run_tool("run_tests", seed=order.config.seed, **programs, **setup).report
         audited = AuditedPrograms(simulation, tests, report, task, original, scene, order.name)
-        return CheckResult(report, audit_programs(audited, services))
+        result = CheckResult(report, audit_programs(audited, services))
+    if order.out is not None and result.accepted:
+        _keep_task(order, result, task, order.out)
+    return result
+
+
+def _keep_task(order: CheckOrder, result: CheckResult, task: TaskDefinition | None, out: Path) -> None:
+    """Write programs, task, audit, instances, assets and arm of an accepted check: a task folder."""
+    write_text(out / PROGRAM_FILES["simulation"], read_text(order.simulation, REMEDY))
+    if order.tests is not None:
+        write_text(out / PROGRAM_FILES["tests"], read_text(order.tests, REMEDY))
+    if task is not None and order.task is not None:
+        written = {**read_json(order.task, REMEDY), **task.as_json(), **result.audit.words_as_json(task.description)}
+        write_json(out / "task.json", written)
+    write_json(out / "audit.json", result.audit.model_dump(mode="json"))
+    for source in (order.folder / "instances", order.folder / ROBOT_FOLDER, order.assets):
+        if source is not None and source.is_dir():
+            copy_folder(source, out / source.name)
 
 
 def _read_task_file(file: Path) -> tuple[TaskDefinition, TaskDefinition | None]:
@@ -114,7 +134,13 @@ def _read_task_file(file: Path) -> tuple[TaskDefinition, TaskDefinition | None]:
 
 @contextmanager
 def open_check_order(
-    program: Path, tests: Path | None, task: Path | None, scene: Path | None, chosen: EffectiveConfig, views: "Views"
+    program: Path,
+    tests: Path | None,
+    task: Path | None,
+    scene: Path | None,
+    chosen: EffectiveConfig,
+    views: "Views",
+    out: Path | None = None,
 ) -> Generator[CheckOrder]:
     """The order of a check, whose output folder exists within the context.
 
@@ -122,16 +148,19 @@ def open_check_order(
         program: a file, or the folder of a run; tests, task and scene default to those of the run.
         scene: a ``scene.json``, the folder of a run, or a photo, which is comprehended first.
         views: views of the comprehension of a photo.
+        out: a new or empty folder for an accepted task.
 
     Raises:
-        InputError: a file cannot be read, or the photo was not comprehended.
+        InputError: a file cannot be read, the photo was not comprehended, or ``out`` is in use.
     """
+    if out is not None and out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise InputError(f"{out} is there and not empty", "name a new folder with --out")
     if program.is_dir():
         run, program = program, program / "simulation.py"
         tests = tests or _path_if_file_exists(run / "test_simulation.py")
         task, scene = task or _path_if_file_exists(run / "task.json"), scene or run
     with tempfile.TemporaryDirectory(prefix="grs-check-") as folder:
-        order = CheckOrder(program, tests, chosen.config, Path(folder) / "check", task, name=program.stem)
+        order = CheckOrder(program, tests, chosen.config, Path(folder) / "check", task, name=program.stem, out=out)
         if scene is not None:
             file = _find_or_comprehend_scene(scene, chosen, Path(folder) / "scene", views)
             config = chosen.config

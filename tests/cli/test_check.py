@@ -11,6 +11,8 @@ import pytest
 
 from grs_agents.base.errors import InputError
 from grs_agents.runs.hashes import write_hashes
+from grs_agents.sim.rollouts import rollout
+from grs_agents.tasks.task_folder import open_task_folder
 from tests.cli.command import grs
 from tests.gantry import GANTRY
 
@@ -44,9 +46,27 @@ def test_a_program_is_checked_as_in_a_run(run: Path, small_scene: Path, how: str
     assert found["status"] == "accepted"
 
 
-def test_a_run_is_checked_against_its_own_task_and_scene(run: Path) -> None:
-    done = grs("check", "run", *SEEDS, folder=run.parent)
+def test_a_run_is_checked_against_its_own_task_and_scene(run: Path, tmp_path: Path) -> None:
+    out = tmp_path / "kept"
+    done = grs("check", "run", *SEEDS, "--out", str(out), folder=run.parent)
     assert json.loads(done.stdout)["audit"]["findings"] == findings_of_run(run)
+    kept = open_task_folder(out)
+    assert kept.read_instance(0) == open_task_folder(run).read_instance(0)
+    assert rollout(kept.read_instance(0), kept.library).episode.outcome == "success"
+    for name in ("task.json", "simulation.py", "test_simulation.py"):
+        assert (out / name).read_text("utf-8") == (run / name).read_text("utf-8")
+    again = grs("check", "run", *SEEDS, "--out", str(out), folder=run.parent)
+    assert again.returncode == 2 and "not empty" in again.stderr
+
+
+def test_a_rejected_task_is_not_kept(run: Path, tmp_path: Path) -> None:
+    out, task = tmp_path / "kept", tmp_path / "task.json"
+    written = json.loads((run / "task.json").read_text("utf-8"))
+    task.write_text(json.dumps({**written, "task-description": "Make it nice with the robot arm."}))
+    done = grs(
+        "check", "run", *SEEDS, "--set", "audit.words=agree", "--task", str(task), "--out", str(out), folder=run.parent
+    )
+    assert done.returncode == 1 and not out.exists()
 
 
 def test_a_task_in_words_that_nobody_understands_is_accepted_for_its_sentence(run: Path, tmp_path: Path) -> None:

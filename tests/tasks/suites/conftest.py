@@ -31,9 +31,8 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
         sentence=words["specific"],
         vague=words["vague"],
         words=JudgedWords(verdict="agree", by="offline", why=""),
-    ).list_instructions(words["default"])
-    task = {"task-description": words["default"], "instructions": {name: dict(text) for name, text in made.items()}}
-    write_json(folders[0] / "task.json", task)
+    ).words_as_json(words["default"])
+    write_json(folders[0] / "task.json", {"task-description": words["default"], **made})
     return folders
 
 
