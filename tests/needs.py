@@ -145,7 +145,10 @@ NEEDS = {
             "xai",
         )
     },
-    **{package: _package(package, 'pip install "grs-agents[demos]"') for package in ("pyarrow", "av", "h5py")},
+    **{
+        package: _package(package, 'pip install "grs-agents[demos]"')
+        for package in ("pyarrow", "av", "h5py", "huggingface_hub")
+    },
     "DracoPy": _package("DracoPy", 'pip install "grs-agents[assets]"'),
     "gymnasium": _package("gymnasium", 'pip install "grs-agents[gym]"'),
     "minari": _package("minari", 'pip install "grs-agents[minari]"'),

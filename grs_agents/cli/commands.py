@@ -107,6 +107,7 @@ EvaluatedSuite = Annotated[
 ]
 RunStatus = Literal["running", "accepted", "rejected", "failed", "interrupted", "waiting"]
 _POLICY = "oracle, random, openpi:ws://HOST:PORT or package.module:Class."
+_HUB = "Upload the data set to the Hugging Face Hub; one that is there already, too."
 _LATENCY = "Simulated seconds that the robot waits for each reply."
 _PERTURB = "Draw these, each by itself and together: camera, light, table, pose, distractors, mass, friction, words."
 _SEEDS = "How many task instances to solve; audit.seeds by default."
@@ -451,6 +452,8 @@ def demos(
     noise: Annotated[float, typer.Option("--noise", help="Of the tip in replays, metres.", min=0, max=0.05)] = 0.008,
     replays: Annotated[int, typer.Option("--replays", help="With noise, of each episode.", metavar="N", min=0)] = 0,
     out: DemosOut = None,
+    hub: Annotated[str, typer.Option("--push-to-hub", help=_HUB, metavar="USER/NAME")] = "",
+    private: Annotated[bool, typer.Option("--private", help="On the Hub for its owner alone.")] = False,
     json: Json = False,
 ) -> None:
     """Make a data set of the expert's demonstrations.
@@ -471,7 +474,7 @@ def demos(
         cameras=parse_cameras(cameras),
         size=parse_size(size),
     )
-    sys.exit(write_demonstrations(run, order, kind, out, json))
+    sys.exit(write_demonstrations(run, order, kind, out, hub, private, json))
 
 
 @app.command(rich_help_panel="Use")

@@ -8,14 +8,16 @@ from rich.text import Text
 
 from grs_agents.base import terminal
 from grs_agents.base.errors import InputError, UnknownNameError
-from grs_agents.base.terminal import print_json
+from grs_agents.base.terminal import print_escaped, print_json
 from grs_agents.sim.rendering.scene_cameras import CAMERAS
 from grs_agents.sim.rendering.stage import LARGEST_PICTURE
 from grs_agents.tasks.demos.attempt_store import AttemptStore
 from grs_agents.tasks.demos.dataset import check_format_requirements, write_dataset
+from grs_agents.tasks.demos.hub import check_hub_requirements, push_dataset
 from grs_agents.tasks.demos.production import DemoOrder, make_demonstrations
 from grs_agents.tasks.demos.types import FORMATS, Format
-from grs_agents.tasks.task_folder import open_task_folder
+from grs_agents.tasks.task_folder import DATASET_FILE, open_task_folder
+from grs_agents.views.terminal import show_activity_status
 
 
 def parse_format(name: str) -> Format:
@@ -46,13 +48,29 @@ def parse_size(text: str) -> tuple[int, int]:
     return size
 
 
-def write_demonstrations(run: Path, order: DemoOrder, kind: str, out: Path | None, as_json: bool) -> int:
-    """Make and write the demonstrations of a task, with a progress bar. Returns: exit status, 1 if fewer than
-    requested."""
+def write_demonstrations(
+    run: Path, order: DemoOrder, kind: str, out: Path | None, hub: str, private: bool, as_json: bool
+) -> int:
+    """Make and write the demonstrations of a task, with a progress bar, and upload them to ``hub`` unless it is empty.
+
+    Returns:
+        Exit status, 1 if fewer than requested.
+    """
     chosen = parse_format(kind)
     check_format_requirements(chosen, order)
+    if hub:
+        if chosen != "lerobot":
+            raise InputError(f"--format {kind} holds paths of this machine", "upload with --format lerobot")
+        check_hub_requirements(hub)
     folder = open_task_folder(run)
     out = out or run.resolve().with_name(f"{run.resolve().name}-demos")
+    if hub and (out / DATASET_FILE).is_file():
+        address = _upload(out, hub, private)
+        if as_json:
+            print_json({"out": str(out), "hub": address})
+        else:
+            print_escaped(f"{out} is at {address}")
+        return 0
     if out.exists():
         raise InputError(f"{out} is there already", "name another folder with --out, or remove it")
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
@@ -67,8 +85,9 @@ def write_demonstrations(run: Path, order: DemoOrder, kind: str, out: Path | Non
         store = make_demonstrations(folder, order, out.with_name(f"{out.name}-unfinished"), update_demo_progress)
         progress.update(row, description=f"writing {kind}")
         summary = write_dataset(store, chosen, out, folder)
+    address = _upload(out, hub, private) if hub else None
     if as_json:
-        print_json(summary.model_dump(mode="json"))
+        print_json({**summary.model_dump(mode="json"), **({"hub": address} if hub else {})})
     else:
         console = terminal.make_console()
         count = (
@@ -82,4 +101,11 @@ def write_demonstrations(run: Path, order: DemoOrder, kind: str, out: Path | Non
         for reason in summary.reasons:
             console.print(Text(f"    {reason}"))
         console.print(Text(f"  open it with {summary.opens_with}"), soft_wrap=True)
+        if hub:
+            print_escaped(f"  uploaded to {address}")
     return 0 if summary.episodes == order.total else 1
+
+
+def _upload(folder: Path, hub: str, private: bool) -> str:
+    with show_activity_status(f"uploading to {hub}"):
+        return push_dataset(folder, hub, private)
