@@ -17,6 +17,7 @@ from evals.synthesis import Recipe, synthesise
 from grs_agents.base import content
 from grs_agents.library.library import Library
 from tests.cli.command import grs
+from tests.kept_sandbox import LentReader
 from tests.slow import SLOW
 
 pytest_plugins = ("tests.needs",)
@@ -87,6 +88,20 @@ def _cache(shared_folder: Path) -> Iterator[None]:
     """What one run keeps for the next is shared by the session's processes, and does not go to the user's folder."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(shared_folder / "cache"))
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _lent_readers(_cache: None) -> Iterator[None]:
+    """Strangers' files are read by workers of zygotes that are kept: each would import and be attacked anew."""
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (
+            "library.importing.item_worker",
+            "perception.reading.foreign_scene",
+            "sim.arms.arm_files",
+            "views.common.foreign_decoding",
+        ):
+            patch.setattr(f"grs_agents.{module}.ForeignReader", LentReader)
         yield
 
 

@@ -136,10 +136,25 @@ def test_private_names_stay_in_their_package() -> None:
     assert not leaks
 
 
-@pytest.mark.parametrize("package", ["sim", "library", "sandbox"])
-def test_what_runs_in_the_sandbox_imports_nothing_heavy(package: str) -> None:
+@pytest.mark.parametrize(
+    "imported", ["from grs_agents.sim import *", "import grs_agents.library", "import grs_agents.sandbox"]
+)
+def test_what_runs_in_the_sandbox_imports_nothing_heavy(imported: str) -> None:
     heavy = ("langchain_core", "langgraph", "rerun", "cv2", "httpx", "OpenGL", "PIL", "scipy", "jinja2")
-    probe = f"import sys, grs_agents.{package}; print([name for name in {heavy!r} if name in sys.modules])"
+    probe = f"{imported}\nimport sys; print([name for name in {heavy!r} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", probe], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    ("worker", "heavy"),
+    [
+        ("perception.reading.worker", ("mujoco", "grs_agents.library", "yaml", "scipy", "trimesh")),
+        ("library.importing.archives", ("mujoco", "scipy", "trimesh")),
+    ],
+)
+def test_a_worker_that_reads_strangers_files_imports_little(worker: str, heavy: tuple[str, ...]) -> None:
+    probe = f"import sys, grs_agents.{worker}; print([name for name in {heavy!r} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", probe], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 

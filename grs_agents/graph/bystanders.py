@@ -11,7 +11,7 @@ from grs_agents.perception import types
 from grs_agents.perception.settling.settling import PlacedObject, to_instance_objects
 from grs_agents.perception.types import SceneDescription, SceneObject
 from grs_agents.sim.goals.scores import DISTURBED
-from grs_agents.sim.hands.registry import DEFAULT_HAND
+from grs_agents.sim.hands.hand import DEFAULT_HAND
 from grs_agents.sim.instance.task_instance import InstanceObject, TaskInstance
 from grs_agents.sim.pick_trials import explain_unpickable_objects, find_objects_overlapping_robot
 from grs_agents.sim.tabletop_episode import open_instance_episode

@@ -10,7 +10,7 @@ from grs_agents.library.library import Library
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.types import Array, Mask, RGBDFrame
 from grs_agents.sim.arms.registry import get_arm
-from grs_agents.sim.hands.registry import DEFAULT_HAND
+from grs_agents.sim.hands.hand import DEFAULT_HAND
 from grs_agents.sim.rendering.cameras import VisibleScene
 from grs_agents.sim.rendering.pictures import render_along_rays
 

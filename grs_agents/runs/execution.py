@@ -21,7 +21,7 @@ from grs_agents.base.errors import ConfigError, GrsError, InputError, OutputErro
 from grs_agents.base.files import convert_system_error, unwritable_error
 from grs_agents.base.foreign.files import path_exists
 from grs_agents.base.questions import Question, parse_question
-from grs_agents.base.trace.events import Event, Note, RunEnded, RunStarted
+from grs_agents.base.trace.events import Event, NodeEnded, Note, RunEnded, RunStarted
 from grs_agents.base.trace.log import EventLog, read_events
 from grs_agents.graph.earlier_judgements import forget_judgements
 from grs_agents.graph.judging import conclude_with_best_version
@@ -37,6 +37,7 @@ from grs_agents.runs.record import EXIT_STATUS, RunRecord, count_run_results, se
 from grs_agents.runs.recording import add_recording_comparison, write_cassette
 from grs_agents.runs.run_opening import RUNS, RunOrder, open_run, remove_run_folder
 from grs_agents.runs.sandbox_setup import open_sandbox
+from grs_agents.sandbox.host.sandbox import Sandbox
 
 if TYPE_CHECKING:
     from langgraph.checkpoint.base import BaseCheckpointSaver
@@ -134,6 +135,27 @@ def _raise_interrupt_at_node_start(event: Event) -> None:
         raise KeyboardInterrupt
 
 
+@contextmanager
+def _open_warming_sandbox(order: RunOrder, config: Config, folder: Path, log: EventLog) -> Generator[Sandbox]:
+    """A sandbox whose imports overlap with comprehension: they begin once the first node, which may refuse the photo,
+    has ended. Its workers may read the assets that the run will write."""
+    assets = folder.resolve() / "assets"
+
+    def warm_up(event: Event) -> None:
+        if isinstance(event, NodeEnded) and not event.error:
+            assets.mkdir(exist_ok=True)
+            sandbox.warm_up([assets])
+
+    with open_sandbox(config) as sandbox:
+        if order.command == "run":  # `scene` calls no generated code
+            log.subscribe(warm_up)
+        try:
+            yield sandbox
+        finally:
+            with suppress(OSError):  # it holds assets
+                assets.rmdir()
+
+
 def _mark_record_with_verdict(order: RunOrder, record: RunRecord, state: State) -> RunRecord:
     """The graph's verdict; comprehension alone has none."""
     if order.command == "scene" and not state.get("problem"):
@@ -191,8 +213,10 @@ def _invoke_graph(
     Returns:
         The question of a waiting run, the first of several; None once the graph has ended.
     """
-    with open_sandbox(config) as sandbox, _open_checkpointer(order, folder) as checkpointer:
-        sandbox.warm_up()  # its imports overlap with comprehension
+    with (
+        _open_warming_sandbox(order, config, folder, log) as sandbox,
+        _open_checkpointer(order, folder) as checkpointer,
+    ):
         services = Services(
             config=config,
             log=log,

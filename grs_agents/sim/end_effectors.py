@@ -6,8 +6,8 @@ from typing import Final, Protocol
 
 from grs_agents.base import Pose
 from grs_agents.base.geometry import transforms
-from grs_agents.sim.hands.hand import Tool
-from grs_agents.sim.hands.registry import DEFAULT_HAND, get_hand
+from grs_agents.sim.hands.hand import DEFAULT_HAND, Tool
+from grs_agents.sim.hands.registry import get_hand
 from grs_agents.sim.instance.episode import Outcome
 from grs_agents.sim.instance.task_instance import Primitive
 from grs_agents.sim.motion.finger_grasps import find_finger_grasps

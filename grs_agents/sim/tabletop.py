@@ -19,7 +19,7 @@ from grs_agents.library.shapes import ObjectModel
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.registry import get_arm
 from grs_agents.sim.end_effectors import EndEffector, make_end_effector
-from grs_agents.sim.hands.registry import DEFAULT_HAND
+from grs_agents.sim.hands.hand import DEFAULT_HAND
 from grs_agents.sim.instance.episode import (
     Episode,
     InvalidValueError,

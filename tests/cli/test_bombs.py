@@ -174,6 +174,9 @@ def test_without_a_backend_bounds_and_an_empty_environment_are_left(
 ) -> None:
     from grs_agents.base.errors import InputError
     from grs_agents.perception.reading.foreign_scene import read_foreign_scene
+    from grs_agents.sandbox.host.foreign_reader import ForeignReader
+
+    monkeypatch.setattr("grs_agents.perception.reading.foreign_scene.ForeignReader", ForeignReader)
 
     def lacks(backend: str) -> list[tuple[str, str]]:
         return [] if backend == "none" else [("it is not there", "install it")]

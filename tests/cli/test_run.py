@@ -16,7 +16,9 @@ import pytest
 
 from grs_agents.base.trace.events import Reply
 from grs_agents.base.trace.log import read_events
+from grs_agents.runs.sandbox_setup import PRELOAD
 from tests.cli.command import grs
+from tests.kept_sandbox import note_preloads
 from tests.slow import SLOW, slow_where
 
 FILES = (
@@ -36,8 +38,10 @@ FILES = (
 def accepted(tmp_path_factory: pytest.TempPathFactory, sample_scene: Path) -> tuple[Path, dict[str, Any]]:
     """One run of the sample scene, and what it printed."""
     folder = tmp_path_factory.mktemp("accepted")
-    done = grs("run", str(sample_scene), "--out", "run", "--json", folder=folder, own_sandbox=True)
+    with note_preloads() as preloads:
+        done = grs("run", str(sample_scene), "--out", "run", "--json", folder=folder, own_sandbox=True)
     assert done.returncode == 0, done.stderr
+    assert preloads == [PRELOAD]  # the run's own assets need no second zygote
     return folder / "run", json.loads(done.stdout)
 
 

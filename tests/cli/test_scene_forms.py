@@ -8,7 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
+from grs_agents.runs.sandbox_setup import PRELOAD
 from tests.cli.command import grs
+from tests.kept_sandbox import note_preloads
 from tests.perception.conftest import Thing, render
 from tests.perception.room import write
 from tests.pictures import read_picture
@@ -76,11 +78,17 @@ def test_a_calibrated_camera_far_away_leaves_objects_out_of_reach(tmp_path: Path
 
 def test_the_table_is_told_and_can_be_chosen(tmp_path: Path) -> None:
     write(render((LOW_TABLE, CAN), eye=ABOVE).frame, tmp_path / "low")
+    (tmp_path / "low" / "rgb.png").rename(tmp_path / "elsewhere.png")
+    (tmp_path / "low" / "rgb.png").symlink_to(tmp_path / "elsewhere.png")
     told = comprehended(tmp_path, "low")
     assert len(told["objects"]) == 1
     assert [(plane["number"], plane["taken"]) for plane in told["frame"]["planes"]] == [(1, False), (2, True)]
     assert any("--set scene.table=1" in warning for warning in told["warnings"])
-    done = grs("scene", "low", "--out", "floor", "--set", "scene.table=largest", folder=tmp_path)
+    assert any("outside the scene's folder" in warning for warning in told["warnings"])  # of the reader of the files
+    options = ("--set", "scene.table=largest")
+    with note_preloads() as preloads:
+        done = grs("scene", "low", "--out", "floor", *options, folder=tmp_path, own_sandbox=True)
+    assert PRELOAD not in preloads  # no generated code is called
     assert done.returncode == 2
     assert "nothing on the table is an object" in done.stderr
     assert "--set scene.table=2" in done.stderr

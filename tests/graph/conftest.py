@@ -125,7 +125,7 @@ def state(tmp_path: Path) -> RunState:
 @pytest.fixture(scope="session")
 def sandbox() -> Iterator[Sandbox]:
     """One sandbox for the nodes, with the simulation imported ahead of time."""
-    with Sandbox(preload=("grs_agents.sim",), readable=(written_folder(),)) as running:
+    with Sandbox(preload=("grs_agents.sim:prepare_process",), readable=(written_folder(),)) as running:
         yield running
 
 

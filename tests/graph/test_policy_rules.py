@@ -46,7 +46,7 @@ class TestStackBlocks(unittest.TestCase):
 
 @pytest.fixture(scope="module")
 def sandbox() -> Iterator[ToolContext]:
-    with Sandbox(preload=("grs_agents.sim",)) as opened:
+    with Sandbox(preload=("grs_agents.sim:prepare_process",)) as opened:
         yield ToolContext(sandbox=opened, library=Library(), limits=Limits())
 
 

@@ -25,7 +25,7 @@ EACH = 25
 
 @pytest.fixture(scope="module")
 def context() -> Iterator[ToolContext]:
-    with Sandbox(preload=("grs_agents.sim",), tools=("run_tests", "instantiate")) as sandbox:
+    with Sandbox(preload=("grs_agents.sim:prepare_process",), tools=("run_tests", "instantiate")) as sandbox:
         yield ToolContext(sandbox=sandbox, library=Library(), limits=LIMITS)
 
 

@@ -38,7 +38,7 @@ class StackBlocks(Task):
 
 @pytest.fixture(scope="session")
 def context() -> Iterator[ToolContext]:
-    with Sandbox(preload=("grs_agents.sim",)) as sandbox:
+    with Sandbox(preload=("grs_agents.sim:prepare_process",)) as sandbox:
         yield ToolContext(sandbox=sandbox, library=Library(), limits=Limits())
 
 

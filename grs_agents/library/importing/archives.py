@@ -10,7 +10,7 @@ from collections.abc import Generator, Iterable
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import IO, Final
+from typing import IO, Any, Final
 
 from grs_agents.base.errors import InputError
 from grs_agents.base.foreign.bounded_streams import check_zip_compression, iterate_tar_members, open_zip
@@ -33,6 +33,7 @@ from grs_agents.library.importing.types import (
     RefusedError,
     SourceItem,
 )
+from grs_agents.sandbox.harness.answers import answer_or_refuse
 
 _PICTURES: Final = (".png", ".jpg", ".jpeg", ".tga", ".bmp", ".webp", ".avif", ".dds", ".gif", ".ktx2")
 _TEXTS: Final = (".mtl", ".bin", ".pbtxt", ".config", ".txt", ".md")
@@ -51,6 +52,17 @@ _ARCHIVE_ERRORS: Final = (
 def is_archive(path: Path) -> bool:
     """True if the file name has a suffix of an archive."""
     return path.is_file() and path.name.lower().endswith(ARCHIVE_SUFFIXES)
+
+
+def inside(request: dict[str, Any]) -> dict[str, Any]:
+    """Entry of the worker: unpack the ``archive`` into ``target``."""
+
+    def unpack() -> dict[str, Any]:
+        limits = ImportLimits.model_validate(request["limits"])
+        unpack_archive(Path(request["archive"]), Path(request["target"]), limits)
+        return {}
+
+    return answer_or_refuse(unpack)
 
 
 def unpack_archive(archive: Path, target: Path, limits: ImportLimits) -> None:

@@ -18,7 +18,6 @@ from grs_agents.library.asset import DEFAULT_FRICTION, Asset, Origin, PhysicalPr
 from grs_agents.library.asset_rendering import render_random_views
 from grs_agents.library.formats.model_file import MAX_PARTS
 from grs_agents.library.formats.urdf import format_urdf_text
-from grs_agents.library.importing.archives import unpack_archive
 from grs_agents.library.importing.convex_decomposition import (
     MAX_VERTICES,
     compute_convex_hull,
@@ -48,7 +47,6 @@ from grs_agents.library.importing.types import (
     ConvexHull,
     Floats,
     ImportJob,
-    ImportLimits,
     ImportOptions,
     RefusedError,
     SourceModel,
@@ -269,17 +267,13 @@ def asset_view_path(root: Path, name: str, number: int) -> Path:
 
 
 def inside(request: dict[str, Any]) -> dict[str, Any]:
-    """Entry of the worker: unpack the ``archive`` into ``target``, or do the ``job`` and send its files as blobs."""
-    return answer_or_refuse(lambda: _unpack_or_prepare(request))
+    """Entry of the worker: do the ``job`` and send its files as blobs."""
+    return answer_or_refuse(lambda: _prepare_and_send(ImportJob.model_validate(request["job"])))
 
 
-def _unpack_or_prepare(request: dict[str, Any]) -> dict[str, Any]:
-    if "archive" in request:
-        limits = ImportLimits.model_validate(request["limits"])
-        unpack_archive(Path(request["archive"]), Path(request["target"]), limits)
-        return {}
+def _prepare_and_send(job: ImportJob) -> dict[str, Any]:
     root = Path.cwd()  # the scratch folder
-    asset = write_asset_files(root, *prepare_asset(ImportJob.model_validate(request["job"])))
+    asset = write_asset_files(root, *prepare_asset(job))
     for file in sorted(root.rglob("*")):
         if file.is_file():
             send_blob(file.relative_to(root).as_posix(), file.read_bytes())

@@ -19,6 +19,8 @@ from grs_agents.library.importing.types import ImportJob, ImportLimits, RefusedE
 from grs_agents.sandbox.host.foreign_reader import ForeignReader
 
 _WORKER: Final = "grs_agents.library.importing.asset_preparation"
+_UNPACKER: Final = "grs_agents.library.importing.archives"
+"""Of an archive: it need not import what repairs meshes."""
 _WALL_SECONDS: Final = 3.0
 """For each second of processor time."""
 _BASE_SECONDS, _BASE_BYTES = 20.0, 480 << 20
@@ -105,7 +107,7 @@ def unpack_in_worker(
         scratch_mib=min(max(limits.unpacked >> 20, 1), 4096),
         output_mib=1,
     )
-    with ForeignReader(_WORKER, [archive for archive, _ in archives], most, [home]) as reader:
+    with ForeignReader(_UNPACKER, [archive for archive, _ in archives], most, [home]) as reader:
         for archive, target in archives:
             request = {
                 "archive": str(archive.resolve()),

@@ -17,7 +17,6 @@ from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
-import yaml
 
 from grs_agents.base.errors import InputError, suggest_name
 from grs_agents.base.foreign.arrays import read_npy
@@ -240,6 +239,8 @@ def read_values(file: Path) -> object:
 
 def _parse_yaml(text: str, file: Path) -> object:
     """A YAML document without aliases, which could unfold without bound; OpenCV's FileStorage too."""
+    import yaml  # few scenes have any
+
     text = re.sub(r"^%YAML[: ].*$", "", text, flags=re.MULTILINE)
     text = _YAML_TAGS.sub("", text).expandtabs(4)
     try:

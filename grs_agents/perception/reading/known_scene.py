@@ -11,7 +11,7 @@ from grs_agents.perception.edits import FILE as EDITS
 from grs_agents.perception.edits import read_edits, write_edits
 from grs_agents.perception.reading.bop import is_bop_source
 from grs_agents.perception.types import SceneDescription, read_scene_description
-from grs_agents.sim.hands.registry import DEFAULT_HAND
+from grs_agents.sim.hands.hand import DEFAULT_HAND
 
 _OF_SCENE: Final = ("scene", "assets")
 """Folders of a run's scene: pictures, and proxies with the background."""

@@ -79,10 +79,12 @@ class Sandbox:
         """True if a backend has held against the probe's attacks; no weaker backend follows it."""
         return self._proven is not None
 
-    def warm_up(self) -> None:
-        """Begin the imports now, so that the first call finds them done."""
+    def warm_up(self, readable: Sequence[Path] = ()) -> None:
+        """Begin the imports now, so that the first call finds them done. Calls may read ``readable``, as in ``call``;
+        a path that only a later call names has them done again."""
         with self._lock, suppress(SandboxError):  # a missing backend matters to a call, and not every run makes a call
             if self._zygote is None:
+                self._add_readable(readable)
                 self._zygote = self._launch_zygote()
 
     def call(
@@ -155,12 +157,11 @@ class Sandbox:
 
     def _get_usable_zygote(self, slot: int, readable: Sequence[Path]) -> Zygote:
         """The running zygote if it is usable, else a new zygote."""
-        wanted = allowlist.outermost_paths(readable)
+        wanted = self._add_readable(readable)
         if self._zygote is not None and not all(
             allowlist.is_path_covered(path, self._zygote.readable) for path in wanted
         ):
             self._discard_zygote()
-        self._spec = replace(self._spec, readable=(*self._spec.readable, *wanted))
         while True:
             zygote = self._zygote = self._zygote or self._launch_zygote()
             try:
@@ -173,6 +174,12 @@ class Sandbox:
                 continue
             self._proven = zygote.backend
             return zygote
+
+    def _add_readable(self, paths: Sequence[Path]) -> tuple[Path, ...]:
+        """Let zygotes that are launched from now on read ``paths``. Returns: the outermost of them, absolute."""
+        outermost = allowlist.outermost_paths(paths)
+        self._spec = replace(self._spec, readable=(*self._spec.readable, *outermost))
+        return outermost
 
     def _launch_zygote(self) -> Zygote:
         """Start a zygote with the strongest backend that is left; ``SandboxError`` if none is."""

@@ -9,7 +9,8 @@ from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.mjcf_arm import load_arm
 from grs_agents.sim.arms.panda import Panda
 from grs_agents.sim.arms.ur5e import UR5e
-from grs_agents.sim.hands.registry import DEFAULT_HAND, get_hand
+from grs_agents.sim.hands.hand import DEFAULT_HAND
+from grs_agents.sim.hands.registry import get_hand
 
 ROBOTS: Final = {"ur5e": UR5e, "panda": Panda}
 DEFAULT: Final = "ur5e"

@@ -10,8 +10,8 @@ from grs_agents.sim.cliport import pybullet, utils
 from grs_agents.sim.cliport.environment import Environment
 from grs_agents.sim.cliport.task import Task
 from grs_agents.sim.expert.oracle import Oracle
-from grs_agents.sim.hands.hand import Tool
-from grs_agents.sim.hands.registry import DEFAULT_HAND, get_hand
+from grs_agents.sim.hands.hand import DEFAULT_HAND, Tool
+from grs_agents.sim.hands.registry import get_hand
 from grs_agents.sim.instance import goal
 from grs_agents.sim.world.colors import COLORS
 

@@ -3,7 +3,7 @@
 from typing import Any
 
 from grs_agents.sim.end_effectors import EndEffector, make_end_effector
-from grs_agents.sim.hands.registry import DEFAULT_HAND
+from grs_agents.sim.hands.hand import DEFAULT_HAND
 from grs_agents.sim.instance.episode import UnsupportedError
 from grs_agents.sim.tabletop_episode import GoalTask, InstanceTask
 

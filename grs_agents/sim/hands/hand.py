@@ -5,6 +5,8 @@ from typing import Any, Final, Literal, Protocol
 
 Tool = Literal["suction", "spatula", "fingers"]
 """Working principle of the tool at the end of the arm."""
+DEFAULT_HAND: Final = "suction"
+"""Configured name of the hand where none is named."""
 GRAVITY: Final = 9.81
 """Gravitational acceleration, m/s^2."""
 ROBOT_CONTYPE: Final = 2

@@ -3,12 +3,11 @@
 from typing import Final
 
 from grs_agents.base.errors import UnknownNameError
-from grs_agents.sim.hands.hand import Hand
+from grs_agents.sim.hands.hand import DEFAULT_HAND, Hand
 from grs_agents.sim.hands.suction_cup import SUCTION_CUP
 from grs_agents.sim.hands.two_fingers import FRANKA_HAND, ROBOTIQ_2F85
 
 HANDS: Final[dict[str, Hand]] = {hand.name: hand for hand in (SUCTION_CUP, FRANKA_HAND, ROBOTIQ_2F85)}
-DEFAULT_HAND: Final = "suction"
 
 
 def get_hand(name: str = DEFAULT_HAND) -> Hand:

@@ -16,7 +16,7 @@ from grs_agents.base import Frozen, Pose, Vec3
 from grs_agents.base.errors import InputError
 from grs_agents.base.foreign.files import check_json_limits
 from grs_agents.base.geometry import transforms
-from grs_agents.sim.hands.registry import DEFAULT_HAND
+from grs_agents.sim.hands.hand import DEFAULT_HAND
 from grs_agents.sim.instance.faults import describe_first_error
 from grs_agents.sim.instance.goal import Goal, Placed, Unit, check_unit_quaternion
 

@@ -6,8 +6,8 @@ from typing import Final
 
 from grs_agents.base.config.schema import Limits
 from grs_agents.library.library import Library
-from grs_agents.sim.arms.registry import DEFAULT, get_arm
-from grs_agents.sim.hands.registry import DEFAULT_HAND
+from grs_agents.sim.arms.registry import DEFAULT
+from grs_agents.sim.hands.hand import DEFAULT_HAND
 from grs_agents.sim.instance.task_instance import InstanceObject
 from grs_agents.sim.world import budget
 
@@ -63,9 +63,3 @@ def set_environment_defaults(
         object.__setattr__(PROCESS_CONTEXT, name, value)
     if limits is not None:
         budget.set_call_limits(limits)
-
-
-def prepare_process() -> None:
-    """Load the shared parts of every simulation, so that forked processes have them."""
-    Library()
-    _ = get_arm().link_names

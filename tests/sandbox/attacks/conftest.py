@@ -103,7 +103,7 @@ def canaries(tmp_path_factory: pytest.TempPathFactory, temporary_folder: Path, t
 def door(request: pytest.FixtureRequest, canaries: Canaries, tool_folder: Path) -> Iterator[Door]:
     """A sandbox of each backend, started where the canaries are around."""
     with (
-        Sandbox(preload=("grs_agents.sim",), backend=request.param, limits=BOUNDS) as sandbox,
+        Sandbox(preload=("grs_agents.sim:prepare_process",), backend=request.param, limits=BOUNDS) as sandbox,
         pytest.MonkeyPatch.context() as brief,
     ):
         brief.setattr("grs_agents.sandbox.host.streams.EXPLAIN_SECONDS", 0.2)  # nobody reads where a program was

@@ -8,7 +8,7 @@ import pytest
 from grs_agents.library.background_asset import write_background_asset
 from grs_agents.library.library import Library
 from grs_agents.sim import Environment, InstanceObject, InstanceTask, TaskInstance
-from grs_agents.sim.hands.registry import DEFAULT_HAND
+from grs_agents.sim.hands.hand import DEFAULT_HAND
 from grs_agents.sim.rendering.cameras import LookAtCamera, VisibleScene
 from grs_agents.sim.rendering.pictures import render_views
 from grs_agents.sim.world.compilation import compute_arm_spheres_at_home
