@@ -31,7 +31,10 @@ Robot = Annotated[
     str | None, typer.Option("--robot", help="The arm: ur5e, panda or the path of an MJCF file.", metavar="NAME")
 ]
 Hand = Annotated[
-    str | None, typer.Option("--hand", help="Its hand: suction, franka_hand or robotiq_2f85.", metavar="NAME")
+    str | None,
+    typer.Option(
+        "--hand", help="Its hand: suction, franka_hand, robotiq_2f85, or own, of the MJCF file.", metavar="NAME"
+    ),
 ]
 Models = Annotated[
     list[str] | None,

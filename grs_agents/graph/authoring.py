@@ -84,7 +84,7 @@ def _sha256_of_source(source: str) -> str:
 def generate_task(state: RunState, services: Services) -> Update:
     """Define a task for the scene (paper, Task Definition Generation)."""
     library = services.library
-    scene = scene_for_prompt(state["scene"], library)
+    scene = scene_for_prompt(state["scene"], library, services.farthest)
     sides = describe_sides_in_photo(state["scene"].frame)
     fixtures = fixture_assets_for_prompt(library)
     task = roles.author_task(services.agents, scene, fixtures, images_from_state(state), sides)
@@ -127,7 +127,7 @@ def write_simulation(
     state: RunState, services: Services, role: Author = "simulation", calling: ToolCalling | None = None
 ) -> str | NoReply:
     """Ask the author ``role`` for a simulation program; ``calling`` gives it tools."""
-    task, scene = state["task"], scene_for_prompt(state["scene"], services.library)
+    task, scene = state["task"], scene_for_prompt(state["scene"], services.library, services.farthest)
     programs = examples.read_examples(content.content_root() / "prompts" / "examples")
     nearest = examples.select_nearest_examples(programs, task, EXAMPLES, services.config.seed)
     shown = "\n\n\n".join(example.source for example in nearest)

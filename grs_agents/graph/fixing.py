@@ -23,7 +23,7 @@ from grs_agents.graph.state import ProgramName, Revision, RunState, Strategy
 def collect_evidence_for_fixer(state: RunState, services: Services, role: str) -> JudgedPrograms:
     """Collect the programs and the evidence that the model of a router or fixer is shown."""
     task, decision = state["task"], state.get("decision")
-    scene = scene_for_prompt(state["scene"], services.library)
+    scene = scene_for_prompt(state["scene"], services.library, services.farthest)
     if role not in ("fix_task", "fix_code"):  # these two place objects among all others
         scene["objects"] = [item for item in scene["objects"] if item["asset"] in task.assets]
     photo = [] if role == "route" else images_from_state(state)

@@ -414,9 +414,16 @@ def prepare_scene_for_tasks_with_warnings(scene: SceneDescription, services: Ser
 
 
 def require_movable_object(scene: SceneDescription) -> None:
-    """Raises InputError if the arm can reach and move no object of the scene: no task can be set there."""
-    if any(item.reachable and not item.held for item in scene.objects):
+    """Raises InputError if the arm can reach, pick and move no object of the scene: no task can be set there."""
+    movable = [item for item in scene.objects if item.reachable and not item.held]
+    if any(not item.pick_trouble for item in movable):
         return
+    if movable:
+        reasons = [f"{item.name}: {item.pick_trouble}" for item in movable[:NAMED_OBJECTS]]
+        raise InputError(
+            f"{scene.source}: the robot can pick none of {len(scene.objects)} objects: {'; '.join(reasons)}",
+            "choose another robot or hand, or put objects there that it reaches and holds",
+        )
     reasons = [
         f"{item.name} at x = {item.position[0]:.2f}, y = {item.position[1]:.2f} m "
         + ("would fall" if item.held else "is in the robot" if item.stands_in_robot else "is out of reach")

@@ -19,8 +19,6 @@ from grs_agents.perception.types import SceneDescription
 from grs_agents.sim.world.collision_volumes import measure_inner_size
 from grs_agents.sim.world.footprints import object_prism_at_pose
 
-WORKSPACE = {"x": list(types.X), "y": list(types.Y), "radius": types.FARTHEST}
-"""Reach of the arm: metres in the robot frame, radius from its base."""
 _UPRIGHT: Final = 0.95
 """Cosine of the greatest tilt at which an object that is open at the top holds things."""
 _TOP, _FLAT = 0.006, 0.5
@@ -35,8 +33,9 @@ _FILLED: Final = 0.75
 of upright boxes, cans and bottles in 24 photos are above 0.85."""
 
 
-def scene_for_prompt(scene: SceneDescription, library: Library) -> dict[str, Any]:
-    """The objects at rest with their relations, and the workspace (metres, robot frame, table at z = 0).
+def scene_for_prompt(scene: SceneDescription, library: Library, farthest: float = types.FARTHEST) -> dict[str, Any]:
+    """The objects at rest with their relations, and the workspace (metres, robot frame, table at z = 0), whose radius
+    from the base of the arm is ``farthest``.
 
     Left out are ``own_size`` if it is ``size``, ``reachable`` unless it is false, and ``hollow``, ``floats`` and
     ``uneven_top`` unless they are true; the top of a library asset is known by its name. ``cannot_be_picked`` is the
@@ -85,7 +84,8 @@ def scene_for_prompt(scene: SceneDescription, library: Library) -> dict[str, Any
             fields.setdefault("touching", []).append(relation.reference)
         else:
             fields[relation.kind] = relation.reference
-    return {"workspace": WORKSPACE, "objects": objects}
+    workspace = {"x": list(types.X), "y": list(types.Y), "radius": farthest}
+    return {"workspace": workspace, "objects": objects}
 
 
 def fixture_assets_for_prompt(library: Library) -> list[dict[str, Any]]:

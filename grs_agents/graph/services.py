@@ -22,7 +22,7 @@ from grs_agents.graph.policies.types import Policy
 from grs_agents.graph.state import RunState, parse_state
 from grs_agents.library.library import Library
 from grs_agents.perception.picture_files import load_frame
-from grs_agents.perception.types import RGBDFrame, TableFrame
+from grs_agents.perception.types import FARTHEST, RGBDFrame, TableFrame
 from grs_agents.sandbox.host.sandbox import Sandbox
 from grs_agents.sim.arms.arm_files import ROBOT_FOLDER, copy_arm_files
 from grs_agents.sim.arms.registry import ROBOTS, get_arm
@@ -105,7 +105,21 @@ class Services:
         if robot in ROBOTS:
             return robot
         source = Path(robot).resolve()
-        return str(copy_arm_files(source, self.folder.resolve() / ROBOT_FOLDER) or source)
+        copied = copy_arm_files(source, self.folder.resolve() / ROBOT_FOLDER, self.config.own_hand)
+        if copied is None and self.config.own_hand is not None:
+            get_arm(str(source))  # its own error, if the file is no arm
+            raise ConfigError(
+                f"own_hand: the files of {robot} cannot be copied into the run",
+                "keep them in one folder, by relative paths",
+            )
+        return str(copied or source)
+
+    @cached_property
+    def farthest(self) -> float:
+        """Radius of the workspace in prompts, metres: less for a user's arm that reaches less far."""
+        if self.robot_name_or_path in ROBOTS:
+            return FARTHEST
+        return min(FARTHEST, round(get_arm(self.robot_name_or_path, self.config.hand).farthest, 3))
 
     @property
     def library_root_fields(self) -> dict[str, Any]:

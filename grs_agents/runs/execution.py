@@ -38,6 +38,8 @@ from grs_agents.runs.recording import add_recording_comparison, write_cassette
 from grs_agents.runs.run_opening import RUNS, RunOrder, open_run, remove_run_folder
 from grs_agents.runs.sandbox_setup import open_sandbox
 from grs_agents.sandbox.host.sandbox import Sandbox
+from grs_agents.sim.arms.mjcf_arm import recognise_own_hand
+from grs_agents.sim.arms.registry import ROBOTS, get_arm
 
 if TYPE_CHECKING:
     from langgraph.checkpoint.base import BaseCheckpointSaver
@@ -205,6 +207,16 @@ def _convert_to_grs_error(error: Exception | KeyboardInterrupt, folder: Path, gr
     return problem
 
 
+def _describe_robot_file(robot: str, hand: str) -> list[str]:
+    arm = get_arm(robot, hand)
+    reach = f"{arm.nearest:.2f} to {arm.farthest:.2f} m from its base" if arm.farthest else "nothing"
+    lines = [f"arm: {arm.dof} joints, reaches {reach}, with the tool down"]
+    try:
+        return [*lines, str(recognise_own_hand(Path(robot)))]
+    except InputError as error:
+        return [*lines, error.message]
+
+
 def _invoke_graph(
     order: RunOrder, config: Config, folder: Path, log: EventLog, record: RunRecord, state: State
 ) -> Question | None:
@@ -241,6 +253,9 @@ def _invoke_graph(
                 edges=tuple((edge.source, edge.target) for edge in topology.edges),
             )
         )
+        if services.robot_name_or_path not in ROBOTS:
+            for line in _describe_robot_file(services.robot_name_or_path, config.hand):
+                log.append(Note(level="info", text=line))
         settings: dict[str, Any] = {"recursion_limit": config.recursion_limit or 25 + 4 * config.max_fixes}
         if order.callbacks:
             settings["callbacks"] = list(order.callbacks)

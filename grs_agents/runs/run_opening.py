@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from grs_agents.agents.recorded import read_cassette
 from grs_agents.base import content
-from grs_agents.base.config.load import EffectiveConfig
+from grs_agents.base.config.load import EffectiveConfig, change_config
 from grs_agents.base.config.recorded import RecordedConfig
 from grs_agents.base.config.schema import Config
 from grs_agents.base.errors import ConfigError, InputError
@@ -27,6 +27,8 @@ from grs_agents.perception.reading.scene_source import check_scene_source, short
 from grs_agents.runs.checkpoint import FILE as CHECKPOINT
 from grs_agents.runs.graph_loading import compile_graph, load_graph
 from grs_agents.runs.record import EXIT_STATUS, FILE, RunRecord, installed_versions, read_record
+from grs_agents.sim.arms.mjcf_arm import recognise_own_hand
+from grs_agents.sim.hands.registry import OWN_HAND
 from grs_agents.toolkit import load_tool
 
 if TYPE_CHECKING:
@@ -200,8 +202,8 @@ def open_run(order: RunOrder) -> Generator[tuple[Path, RunRecord, Config]]:
                 record = record.model_copy(update=update)
             yield folder, record, config
         return
-    config = order.config.config
     check_scene_source(order.source)
+    config = _prefer_own_hand(order.config)
     require_configured_names_exist(config, order.command, order.given)
     folder = make_run_folder(short_scene_name(order.source), config.seed, order.out)
     record = RunRecord(
@@ -217,6 +219,19 @@ def open_run(order: RunOrder) -> Generator[tuple[Path, RunRecord, Config]]:
     with lock_run_folder(folder):
         require_unused_folder(folder)  # another process may have been faster
         yield folder, record, config
+
+
+def _prefer_own_hand(chosen: EffectiveConfig) -> Config:
+    """The configuration, with the hand of the robot's own file if it is recognised and none is named."""
+    config = chosen.config
+    if chosen.sources.get("hand", "default") != "default" or not config.robot.endswith((".xml", ".mjcf")):
+        return config
+    try:
+        if config.own_hand is None:
+            recognise_own_hand(Path(config.robot).resolve())
+    except InputError:  # the run notes the reason
+        return config
+    return change_config(config, hand=OWN_HAND)
 
 
 def require_configured_names_exist(config: Config, command: str, given: Mapping[str, Any]) -> None:

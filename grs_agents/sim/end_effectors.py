@@ -7,7 +7,7 @@ from typing import Final, Protocol
 from grs_agents.base import Pose
 from grs_agents.base.geometry import transforms
 from grs_agents.sim.hands.hand import DEFAULT_HAND, Tool
-from grs_agents.sim.hands.registry import get_hand
+from grs_agents.sim.hands.registry import get_tool
 from grs_agents.sim.instance.episode import Outcome
 from grs_agents.sim.instance.task_instance import Primitive
 from grs_agents.sim.motion.finger_grasps import find_finger_grasps
@@ -185,6 +185,6 @@ END_EFFECTORS: Final[dict[Primitive, type[SuctionCup] | type[Blade]]] = {"pick_p
 
 def make_end_effector(primitive: Primitive, hand: str = DEFAULT_HAND) -> EndEffector:
     """The end effector of a primitive, by the configured name of the robot's hand; pushing takes the spatula."""
-    if primitive == "pick_place" and get_hand(hand).tool == "fingers":
+    if primitive == "pick_place" and get_tool(hand) == "fingers":
         return TwoFingers()
     return END_EFFECTORS[primitive]()

@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from grs_agents.base import terminal
-from grs_agents.base.trace.events import Event, NodeEnded, ProgramVersion, Reply, RunEnded, RunStarted
+from grs_agents.base.trace.events import Event, NodeEnded, Note, ProgramVersion, Reply, RunEnded, RunStarted
 from grs_agents.views.common.event_steps import Status, Step, Steps, format_event_line
 from grs_agents.views.common.safe_text import to_terminal_line
 
@@ -73,6 +73,8 @@ class ProgressView:
         self._steps.add_event(event)
         if isinstance(event, RunStarted):
             self._title = f"{event.run_id} graph {event.graph}, seed {event.seed}"
+        if isinstance(event, Note) and not self._steps.rows and not self._verbose:  # before the first node: of the run
+            self._console.print(Text(to_terminal_line(event.text, 300)), soft_wrap=True)
         if self._live is not None:
             return
         if self._verbose:

@@ -27,7 +27,7 @@ def test_a_scene_that_was_tried_with_a_cup_is_not_one_for_fingers(known_scene: P
     assert "was made for hand=suction, not robotiq_2f85" in " ".join(done.stderr.split())
 
 
-@pytest.mark.parametrize(("hand", "says"), [("three_fingers", "there is no hand"), ("own", "is not read yet")])
+@pytest.mark.parametrize(("hand", "says"), [("three_fingers", "there is no hand"), ("own", "has no hand of its own")])
 def test_hands_that_there_are_not_are_refused(hand: str, says: str, tmp_path: Path) -> None:
     done = grs("run", "groceries", "--hand", hand, folder=tmp_path)
     assert done.returncode == 2

@@ -50,6 +50,10 @@ def test_a_scene_is_refused_only_if_no_object_can_be_reached_and_moved(state: Ru
     fixed = [item.model_copy(update=change) for item, change in zip(scene.objects, stuck, strict=False)]
     with pytest.raises(InputError, match=r"move none of 3 objects: .* out of reach, .* would fall, .* in the robot"):
         require_movable_object(scene.model_copy(update={"objects": tuple(fixed)}))
+    heavy = [item.model_copy(update={"pick_trouble": "it weighs 4 kg"}) for item in scene.objects]
+    require_movable_object(scene.model_copy(update={"objects": (scene.objects[0], *heavy[1:])}))
+    with pytest.raises(InputError, match=f"can pick none of {len(heavy)} objects: {heavy[0].name}: it weighs 4 kg; "):
+        require_movable_object(scene.model_copy(update={"objects": tuple(heavy)}))
 
 
 def test_photo_objects_stand_where_they_came_to_rest(state: RunState) -> None:

@@ -113,3 +113,8 @@ def test_a_thing_stands_where_it_came_to_rest_or_is_held() -> None:
     assert found["fallen"]["position"] == [0.41, 0, 0.02]
     assert "floats" not in found["fallen"]
     assert (found["high"]["position"], found["high"]["floats"]) == ([0.61, 0, 0.21], True)
+
+
+def test_the_workspace_of_an_arm_that_reaches_less_far_is_smaller() -> None:
+    scene = {"source": "s", "image": "i", "frame": FRAME, "objects": (), "relations": ()}
+    assert scene_for_prompt(SceneDescription.model_validate(scene), LIBRARY, 0.6)["workspace"]["radius"] == 0.6

@@ -1,6 +1,7 @@
 """Task and simulation authors: any scene gives a task and a program that fit each other."""
 
 import ast
+import math
 import re
 
 import pytest
@@ -168,3 +169,16 @@ def test_out_of_reach_objects_are_put_elsewhere() -> None:
     code = simulation_for(task_for(scene), scene)
     assert "1.3" not in code
     assert "find_place" in code
+
+
+def test_places_are_within_the_reach_of_a_short_arm() -> None:
+    seen: set[str] = set()
+    for radius, reach in ((0.85, "0.83"), (0.6, "0.58")):
+        scene = rich_scene() | {"workspace": {"radius": radius}}
+        for seed in range(12):
+            code = simulation_for(task_for(scene, seed), scene)
+            for x, y in re.findall(r"find_place\(env, \w+_size, \((0\.\d+), (-?0\.\d+)\)\)", code):
+                assert math.hypot(float(x), float(y)) < radius
+                seen.add(reach)
+            assert all(reach == limit for limit in re.findall(r"reach = (0\.\d+) - ", code))
+    assert seen == {"0.83", "0.58"}

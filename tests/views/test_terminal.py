@@ -36,6 +36,17 @@ def test_without_a_terminal_each_node_is_one_line(script: Callable[[], Any]) -> 
     assert lines[-1] == "accepted: every check passed"
 
 
+def test_notes_before_the_first_node_are_lines_of_their_own() -> None:
+    for terminal in (False, True):
+        target = console(terminal)
+        with ProgressView(target) as progress:
+            progress(Note(text="hand: two fingers"))
+            progress(NodeStarted(node="read"))
+            progress(Note(text="within a node"))
+        assert "hand: two fingers" in text_of(target)
+        assert "within a node" not in text_of(target)
+
+
 def test_a_terminal_shows_nodes_visits_and_the_verdict(script: Callable[[], Any]) -> None:
     run, target = script(), console(terminal=True)
     with ProgressView(target) as progress:

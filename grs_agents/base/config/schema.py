@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Annotated, Any, Literal, cast
 
-from pydantic import Field, JsonValue, field_validator, model_validator
+from pydantic import Field, JsonValue, ValidationInfo, field_validator, model_validator
 
 from grs_agents.base import Frozen
 
@@ -210,6 +210,28 @@ class BackgroundConfig(Frozen):
     voxel: float = Field(default=0.015, ge=0.005, le=0.1)
 
 
+class OwnHandConfig(Frozen):
+    """Fingers in the file of a user's arm, where they are not recognised."""
+
+    # names of the joints that move the fingers; all others beyond the arm stand still
+    joints: tuple[Annotated[str, Field(min_length=1, max_length=200)], ...] = Field(min_length=1, max_length=12)
+    # positions of these joints, wide open and closed: radians, or metres of a slide
+    open: tuple[float, ...]
+    closed: tuple[float, ...]
+    # position of the point between the ends of the fingers, in the frame of the body that carries them, metres; None:
+    # measured
+    tcp: tuple[float, float, float] | None = None
+
+    @model_validator(mode="after")
+    def _validate_lengths(self) -> "OwnHandConfig":
+        counts = len(self.open), len(self.closed)
+        if counts != (len(self.joints),) * 2:
+            raise ValueError(
+                f"own_hand has {len(self.joints)} joints, {counts[0]} open and {counts[1]} closed positions"
+            )
+        return self
+
+
 class PromptsConfig(Frozen):
     """The prompt file of each role."""
 
@@ -274,8 +296,11 @@ class Config(Frozen):
     seed: Annotated[int, Portable()] = Field(default=0, ge=0, lt=2**31)
     # the arm behind the table: `ur5e`, `panda` or the path of an MJCF file (`.xml`)
     robot: Annotated[str, Portable()] = Field(default="ur5e", max_length=4096)
-    # the hand at its flange: `suction`, `franka_hand` or `robotiq_2f85`; pushing takes a spatula in place of any
+    # the hand at its flange: `suction`, `franka_hand`, `robotiq_2f85`, or `own`, of the robot's file, and then the
+    # default; pushing takes a spatula in place of any
     hand: Annotated[str, Portable()] = Field(default="suction", max_length=100)
+    # the hand in the robot's file, where it is not recognised
+    own_hand: OwnHandConfig | None = None
     max_fixes: Annotated[int, Portable()] = Field(default=10, ge=0, le=1000)  # fixes of code, tests and task together
     # steps of the graph until a run of it counts as endless; by default 25 and 4 for each of the fixes
     recursion_limit: int | None = Field(default=None, ge=1, le=1_000_000)
@@ -331,12 +356,14 @@ class Config(Frozen):
 
     @field_validator("hand")
     @classmethod
-    def _validate_hand(cls, hand: str) -> str:
-        if hand in ("suction", "franka_hand", "robotiq_2f85"):
+    def _validate_hand(cls, hand: str, fields: ValidationInfo) -> str:
+        if hand == "own" and fields.data.get("robot") in ("ur5e", "panda"):
+            raise ValueError(f"{fields.data['robot']} has no hand of its own; use suction, franka_hand, robotiq_2f85")
+        if hand in ("suction", "franka_hand", "robotiq_2f85", "own"):
             return hand
-        if hand == "own":
-            raise ValueError("the hand of a robot's own file ('own') is not read yet; use one of the shipped hands")
-        raise ValueError(f"there is no hand {hand!r}; use suction, franka_hand or robotiq_2f85")
+        raise ValueError(
+            f"there is no hand {hand!r}; use suction, franka_hand, robotiq_2f85, or own, of the robot's own file"
+        )
 
     @field_validator("robot")
     @classmethod

@@ -21,7 +21,7 @@ from grs_agents.models.offline.plan import (
     select_objects_without_overlap,
 )
 from grs_agents.models.offline.program_writer import class_name_for_task, write_program
-from grs_agents.models.offline.prompt_text import CUP_ROOM, Json, PromptObject, PromptText, parse_scene_objects
+from grs_agents.models.offline.prompt_text import CUP_ROOM, FAR, Json, PromptObject, PromptText, parse_scene_objects
 from grs_agents.models.offline.router import parse_report_evidence
 from grs_agents.models.offline.task_families import FAMILIES, PALETTE, TaskRequest
 from grs_agents.models.offline.task_reading import Clause, UnplannableTaskError, parse_clauses
@@ -318,7 +318,7 @@ def is_clear_of_others(obj: PromptObject, objects: Sequence[PromptObject], gap: 
 def relocate_unreachable_objects(objects: Sequence[PromptObject], scene: Sequence[PromptObject]) -> list[PromptObject]:
     """Move objects that are held or out of reach to a free part of the table; objects without a free place are left
     out."""
-    table = Table([obj.footprint_rect for obj in scene])
+    table = Table([obj.footprint_rect for obj in scene], min((obj.far for obj in scene), default=FAR))
     placed: list[PromptObject] = []
     for obj in objects:
         if is_reachable_object(obj):

@@ -139,6 +139,7 @@ class Table:
     """Occupied areas of the table while a plan is made."""
 
     taken: list[Rect] = field(default_factory=list[Rect])
+    far: float = FAR  # greatest comfortable radius from the robot's base, metres
 
     def reserve_free_place(self, width: float, depth: float) -> tuple[float, float] | None:
         """Reserve the free place (its centre) for a rectangle that is easiest to reach; None if there is none."""
@@ -153,7 +154,7 @@ class Table:
         columns = list(_iterate_grid_coordinates(X_RANGE[0] + width / 2, X_RANGE[1] - width / 2))
         x, y = (axis.ravel() for axis in np.meshgrid(np.array(columns), np.array(rows), indexing="ij"))
         low = np.hypot(np.maximum(0, abs(x) - width / 2), np.maximum(0, abs(y) - depth / 2))
-        free = (low >= NEAR - 0.05) & (np.hypot(abs(x) + width / 2, abs(y) + depth / 2) <= FAR + 0.03)
+        free = (low >= NEAR - 0.05) & (np.hypot(abs(x) + width / 2, abs(y) + depth / 2) <= self.far + 0.03)
         for rect in self.taken:
             aside = abs(x - rect.x) >= (width + rect.width) / 2 + GAP
             free &= aside | (abs(y - rect.y) >= (depth + rect.depth) / 2 + GAP)
@@ -204,4 +205,6 @@ def is_hard_to_topple(obj: PromptObject) -> bool:
 def is_reachable_object(obj: PromptObject) -> bool:
     """True if the arm can pick it at its place: within reach, free, and picked in a trial."""
     radius = math.hypot(obj.position[0], obj.position[1])
-    return obj.reachable and obj.can_be_picked and not obj.floats and NEAR <= radius <= FAR and obj.position[0] > 0.1
+    return (
+        obj.reachable and obj.can_be_picked and not obj.floats and NEAR <= radius <= obj.far and obj.position[0] > 0.1
+    )

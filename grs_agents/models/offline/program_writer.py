@@ -13,7 +13,7 @@ from grs_agents.models.offline.plan import (
     Target,
     may_leave_no_place,
 )
-from grs_agents.models.offline.prompt_text import GAP, PromptObject, make_identifier, split_words
+from grs_agents.models.offline.prompt_text import FAR, GAP, PromptObject, make_identifier, split_words
 
 _LANGUAGE_TEMPLATES = {
     "pack": "put the {} into the {}",
@@ -82,7 +82,8 @@ def write_program(plans: Sequence[PlacementPlan], title: str, description: str, 
         lines += ["", *_goal_code_lines(plan, names, spots, steps)]
     if relocated or drawn:
         lines[2] = "from grs_agents.sim import NoFreeSpaceError, Task, utils"
-        lines += ["", *_FIND_PLACE]
+        reach = min((obj.far for obj in objects), default=FAR) + 0.03
+        lines += ["", *(line.replace("REACH", f"{reach:.4g}") for line in _FIND_PLACE)]
     return "\n".join(lines) + "\n"
 
 
@@ -190,7 +191,7 @@ _RESERVED = frozenset(
 _FIND_PLACE = [
     "    def find_place(self, env, size, known=None):",
     '        """A free pose in easy reach for something of this size; the known free (x, y) where none turns up."""',
-    "        reach = 0.83 - np.hypot(size[0], size[1]) / 2",
+    "        reach = REACH - np.hypot(size[0], size[1]) / 2",
     "        for _ in range(20):",
     "            position, rotation = self.get_random_pose(env, size)",
     "            if position is not None and np.hypot(position[0], position[1]) < reach:",

@@ -93,6 +93,8 @@ Quaternion = tuple[float, float, float, float]
 
 NEAR, FAR = 0.28, 0.80
 """Radii of the comfortable workspace from the robot's base, m."""
+_RESERVE = 0.05
+"""Difference of the reach and the comfortable reach, m."""
 GAP = 0.02
 """The clearance left between neighbours, in metres."""
 CUP_ROOM = 0.03
@@ -139,6 +141,7 @@ class PromptObject:
     uneven_top: bool = False  # other objects would tip on it
     can_be_picked: bool = True  # the robot picked it at its place in a trial
     is_doubtful: bool = False  # the photo shows too little of it for a task
+    far: float = FAR  # greatest comfortable radius from the robot's base, metres
     relocated: bool = False  # the program puts it elsewhere than the photo
     height: str = ""  # `tall`, `tallest`, `low` or `lowest`, if that distinguishes it from its kind and colour
 
@@ -185,6 +188,9 @@ class PromptObject:
 
 def parse_scene_objects(scene: Json) -> list[PromptObject]:
     """The objects of a scene section; entries without a name, asset, position or size are left out."""
+    workspace = scene.get("workspace")
+    radius = parse_finite_floats([cast(Json, workspace).get("radius")], 1) if isinstance(workspace, dict) else None
+    far = FAR if radius is None else min(FAR, round(radius[0] - _RESERVE, 3))
     objects: list[PromptObject] = []
     for entry in (cast(Json, entry) for entry in _to_list_or_empty(scene.get("objects")) if isinstance(entry, dict)):
         position, size = parse_finite_floats(entry.get("position"), 3), parse_finite_floats(entry.get("size"), 3)
@@ -209,6 +215,7 @@ def parse_scene_objects(scene: Json) -> list[PromptObject]:
                 uneven_top=bool(entry.get("uneven_top")),
                 can_be_picked=not entry.get("cannot_be_picked"),
                 is_doubtful="too sparsely" in str(entry.get("cannot_be_picked")),
+                far=far,
             )
         )
     heights: list[str] = []

@@ -164,7 +164,7 @@ def plan_clear_task(objects: Sequence[PromptObject], request: TaskRequest) -> Pl
         return None
     size = (_round_up_to_cm(area.width), _round_up_to_cm(area.depth), ZONE_HEIGHT)
     spot = Target(f"{request.color}_area", "zone", size, (area.x, area.y), request.color, moves=False)
-    table = Table([*request.taken, area])
+    table = Table([*request.taken, area], objects[0].far)
     tallest = max(obj.size[2] for obj in objects)
     for rows in _list_arrangements_of_objects(objects, request):
         size = (_round_up_to_cm(rows.width + 2 * GAP), _round_up_to_cm(rows.depth + 2 * GAP), tallest)
@@ -234,7 +234,7 @@ def _place_new_target(
 
 
 def _make_table_with_objects(objects: Sequence[PromptObject], request: TaskRequest) -> Table:
-    return Table([*request.taken, *(obj.footprint_rect for obj in objects)])
+    return Table([*request.taken, *(obj.footprint_rect for obj in objects)], objects[0].far)
 
 
 def _round_up_to_cm(length: float) -> float:

@@ -7,6 +7,7 @@ closed-form kinematics overrides ``solve_ik_tool_down``, ``solve_ik_for_poses`` 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from typing import Any, Final
 
 import numpy as np
@@ -97,7 +98,17 @@ def _reachable_cells_at_bearing(bearing: float, posture: ArmModel, home: FloatAr
 
 HOME: Final[Vec3] = (0.35, 0.0, 0.42)
 """Preferred position of the waiting tip, metres."""
-_HOMES: Final = (HOME, (0.4, 0.0, 0.3), (0.5, 0.0, 0.3), (0.3, 0.0, 0.3), (0.5, 0.0, 0.2), (0.3, 0.0, 0.15))
+_HOMES: Final = (
+    HOME,
+    (0.4, 0.0, 0.3),
+    (0.5, 0.0, 0.3),
+    (0.3, 0.0, 0.3),
+    (0.5, 0.0, 0.2),
+    (0.3, 0.0, 0.15),
+    (0.22, 0.0, 0.06),
+)
+_FEW_GUESSES: Final = 8
+"""Starts of the search for a home that are tried at every point before the others, which take seconds in vain."""
 _NEAR: Final = 0.2
 
 
@@ -105,7 +116,8 @@ class Arm:
     """A serial arm with its base at the origin of the robot frame and a hand at its flange.
 
     ``add`` adds its bodies, joints (from the base on), a position actuator per joint, and the hand, with its moving
-    parts or without, to a spec. Solutions are sought near the joint positions ``guess`` (dof,).
+    parts or without, to a spec; ``add_dressed`` adds the same with the visual geoms of a file. Solutions are sought
+    near the joint positions ``guess`` (dof,).
     """
 
     nearest: float  # reach of the tip from the base axis, tool down, metres; for messages only
@@ -115,13 +127,20 @@ class Arm:
 
     looks: tuple[Solid, ...] = ()  # shown by a rendered model in place of the geoms; empty: the geoms
 
-    def __init__(self, name: str, add: Callable[[Any, bool], None], guess: FloatArray, hand: Hand) -> None:
+    def __init__(
+        self,
+        name: str,
+        add: Callable[[Any, bool], None],
+        guess: FloatArray,
+        hand: Hand,
+        add_dressed: Callable[[Any, bool], None] | None = None,
+    ) -> None:
         self.name, self.hand = name, hand
-        self._add, self._guess = add, guess
+        self._add, self._guess, self._add_dressed = add, guess, add_dressed or add
 
-    def add(self, spec: Any) -> None:
-        """Add the robot to a spec."""
-        self._add(spec, True)
+    def add(self, spec: Any, dressed: bool = False) -> None:
+        """Add the robot to a spec, ``dressed`` with the visual geoms of its file."""
+        (self._add_dressed if dressed else self._add)(spec, True)
 
     def _add_rigid(self, spec: Any) -> None:
         self._add(spec, False)
@@ -147,13 +166,14 @@ class Arm:
         posture = ArmModel(self._add_rigid, hand=self.hand.body)
         spread = np.random.default_rng(0).random((60, posture.dof))
         guesses = [self._guess, (posture.low + posture.high) / 2, *posture.low + (posture.high - posture.low) * spread]
-        for point in _HOMES:
-            for guess in guesses:
-                joints = posture.solve_ik(np.array(point), DOWN, guess, guess, 200)
+        homes = [point for point in np.array(_HOMES) if posture.is_within_span(point, DOWN)]
+        for some in (guesses[:_FEW_GUESSES], guesses[_FEW_GUESSES:]):
+            for point, guess in product(homes, some):
+                joints = posture.solve_ik(point, DOWN, guess, guess, 200)
                 if joints is not None:
                     return joints
         raise InputError(
-            f"robot {self.name}: it cannot point its tool straight down anywhere between (0.3, 0, 0.15) and "
+            f"robot {self.name}: it cannot point its tool straight down anywhere between (0.22, 0, 0.06) and "
             "(0.5, 0, 0.42) m",
             "its base must be at the origin, x forward, the table top at z = 0, and z of its tip's site point outwards",
         )

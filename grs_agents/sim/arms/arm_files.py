@@ -7,12 +7,14 @@ from functools import lru_cache
 from pathlib import Path, PurePath
 from typing import Final
 
+from grs_agents.base.config.schema import OwnHandConfig
 from grs_agents.base.errors import InputError
 from grs_agents.base.files import write_bytes
 from grs_agents.base.foreign.run_folder import resolve_member_file
 from grs_agents.base.mujoco_import import mujoco
 from grs_agents.sandbox.host.foreign_reader import ForeignReader
 from grs_agents.sim.arms.robot_file_check import check_robot_file
+from grs_agents.sim.hands.description import describe_hand_in_mjcf
 from grs_agents.sim.instance.task_instance import TaskInstance
 
 ROBOT_FOLDER: Final = "robot"
@@ -20,8 +22,8 @@ ROBOT_FOLDER: Final = "robot"
 _WORKER: Final = "grs_agents.sim.arms.worker"
 
 
-def copy_arm_files(source: Path, folder: Path) -> Path | None:
-    """Copy an arm's file and its dependencies into ``folder``, in their relative layout.
+def copy_arm_files(source: Path, folder: Path, hand: OwnHandConfig | None = None) -> Path | None:
+    """Copy an arm's file and its dependencies into ``folder``, in their relative layout; the copy describes ``hand``.
 
     Returns:
         The copy of the arm's file; None if it is no MJCF, a dependency is missing, lies outside the arm's folder, or is
@@ -31,6 +33,9 @@ def copy_arm_files(source: Path, folder: Path) -> Path | None:
         check_robot_file(source)
         named = [Path(file) for file in mujoco.mju_getXMLDependencies(str(source))]
         parts = {file.relative_to(source.parent): file.read_bytes() for file in named}
+        if hand is not None:
+            main = Path(source.name)
+            parts[main] = describe_hand_in_mjcf(parts[main], hand)
         for part, data in parts.items():
             write_bytes(folder / part, data)
         copied = [Path(file) for file in mujoco.mju_getXMLDependencies(str(folder / source.name))]

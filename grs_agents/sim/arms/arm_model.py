@@ -64,6 +64,17 @@ class ArmModel:
         upright = abs(float(data.xaxis[0, 2])) > 0.9999 and float(np.hypot(*data.xanchor[0, :2])) < 1e-6
         return upright and int(model.jnt_type[0]) == int(mujoco.mjtJoint.mjJNT_HINGE)
 
+    def is_within_span(self, tip: FloatArray, tool: FloatArray) -> bool:
+        """Whether the links, stretched from the first hinge, are long enough for a pose of the tip; True for slides."""
+        model, data = self._model, self._data
+        if self.slides.any():
+            return True
+        mujoco.mj_kinematics(model, data)
+        anchors, present = np.array(data.xanchor), np.array(data.site_xmat[self._site]).reshape(3, 3)
+        last = tip - tool @ present.T @ (data.site_xpos[self._site] - anchors[-1])
+        span = float(np.linalg.norm(np.diff(anchors, axis=0), axis=1).sum())
+        return float(np.linalg.norm(last - anchors[0])) <= span + _TOLERANCE
+
     def tip_pose(self, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Position (3,) of the tip, m, and its rotation (3, 3) from the tool straight down."""
         self._data.qpos[:] = joints

@@ -1,5 +1,6 @@
 """A user's own arm: an MJCF file with a serial chain of hinges and slides, extended by a hand."""
 
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -9,8 +10,11 @@ from grs_agents.base.errors import InputError
 from grs_agents.base.mujoco_import import mujoco
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.arm_parts import add_position_actuator
+from grs_agents.sim.arms.collision_model import reduce_to_collision_model
 from grs_agents.sim.arms.robot_file_check import check_robot_file
+from grs_agents.sim.hands.description import read_described_hand
 from grs_agents.sim.hands.hand import ROBOT_CONTYPE, Hand
+from grs_agents.sim.hands.recognition import OwnHand, recognise_hand
 from grs_agents.sim.hands.suction_cup import SUCTION_CUP
 
 TIPS: Final = ("tip", "tool0", "attachment_site", "ee", "end_effector", "flange", "tcp")
@@ -20,29 +24,40 @@ _PREFIX: Final = "arm_"
 _STIFFNESS, _TORQUE = 3000.0, 200.0
 _QUARTERS: Final = (0.0, np.pi / 2, np.pi, -np.pi / 2)
 """Mounting angles of the hand about its own axis, radians: any of them works."""
+_HALVES: Final = (0.0, np.pi)
+"""Those of two fingers in the arm's file, which stay where they are there."""
 _ROOM: Final = np.pi / 2
 """Distance of the last joint from its limits at home, radians, that ends the search over mounting angles."""
 
 
-def load_arm(path: Path, hand: Hand = SUCTION_CUP) -> Arm:
-    """The arm of an MJCF file; raises ``InputError`` if it is no serial arm or cannot point down at the table."""
+def load_arm(path: Path, hand: Hand | None = SUCTION_CUP) -> Arm:
+    """The arm of an MJCF file, with a hand, None for the two fingers of the file.
+
+    Raises ``InputError`` if it is no serial arm, cannot point down at the table, or has no hand that is recognised.
+    """
     check_robot_file(path)
     spec = _parse_mjcf(path)
     chain = _find_joint_chain(spec, path)
     try:
-        model = spec.compile()
+        reduce_to_collision_model(spec)
+        model = spec.copy().compile()
     except ValueError as error:
         raise InputError(f"robot {path}: does not compile: {str(error)[:300]}", "mend what it names") from error
     positions = model.key_qpos[0] if model.nkey else model.qpos0  # the first keyframe, else the joints' references
     guess = np.array([float(positions[model.joint(joint.name).qposadr[0]]) for joint in chain])
+    own = recognise_own_hand(path) if hand is None else None
+    mounted = own.hand if own is not None else hand or SUCTION_CUP
     best: Arm | None = None
     refusal: InputError | None = None
-    for turn in _QUARTERS:
+    for turn in _QUARTERS if own is None else _HALVES:
 
         def add(world: Any, moving: bool, turn: float = turn) -> None:
-            _attach_arm_to_world(world, _parse_mjcf(path), path, turn, hand, moving)
+            _attach_arm_to_world(world, spec.copy(), path, turn, own or mounted, moving)
 
-        arm = Arm(str(path), add, guess, hand)
+        def add_dressed(world: Any, moving: bool, turn: float = turn) -> None:
+            _attach_arm_to_world(world, _parse_mjcf(path), path, turn, own or mounted, moving)
+
+        arm = Arm(str(path), add, guess, mounted, add_dressed)
         try:
             arm.home_joints.setflags(write=False)  # computed now, so that an unusable arm is refused early
         except InputError as error:
@@ -56,6 +71,16 @@ def load_arm(path: Path, hand: Hand = SUCTION_CUP) -> Arm:
         assert refusal is not None, "an arm was neither found nor refused"
         raise refusal
     return best
+
+
+@lru_cache(maxsize=16)
+def recognise_own_hand(path: Path) -> OwnHand:
+    """The two fingers in an MJCF file; raises ``InputError`` with the reason if there are none."""
+    check_robot_file(path)
+    spec = _parse_mjcf(path)
+    chain = frozenset(str(joint.name) for joint in _find_joint_chain(spec, path))
+    described = read_described_hand(spec, str(path))
+    return recognise_hand(spec, _find_tip_body_and_site(spec, path)[0], chain, str(path), described)
 
 
 def _last_joint_limit_margin(arm: Arm) -> float:
@@ -77,13 +102,56 @@ def _parse_mjcf(path: Path) -> Any:
 def _find_tip_body_and_site(spec: Any, path: Path) -> tuple[Any, Any | None]:
     """Body that carries the hand, and the site of the hand (None: the frame of the body)."""
     sites = {str(site.name): site for site in spec.sites}
+    carrier = _carrier_of_described_fingers(spec, path)
     for name in TIPS:
-        if name in sites:
+        if name in sites and carrier in (None, sites[name].parent):
             return sites[name].parent, sites[name]
+    if carrier is not None:
+        return carrier, None
     bodies: list[Any] = list(spec.bodies)
     if len(bodies) < 2:
         raise InputError(f"robot {path}: there is no body", "give an arm: bodies one inside the other, with joints")
-    return _carrier_of_fingers(max(bodies, key=lambda body: len(_body_and_ancestors(body)))), None
+    last = max(bodies, key=lambda body: len(_body_and_ancestors(body)))
+    carrier = _carrier_of_fingers(last)
+    return (_moving_body(last).parent if carrier == last and _ends_in_jaw(path) else carrier), None
+
+
+def _carrier_of_described_fingers(spec: Any, path: Path) -> Any | None:
+    """The nearest body that carries all fingers which a description names."""
+    described = read_described_hand(spec, str(path))
+    if described is None:
+        return None
+    joints = {str(joint.name): joint for joint in spec.joints}
+    if missing := [name for name in described.joints if name not in joints]:
+        raise InputError(f"robot {path}: there is no joint {missing[0]!r}", f"name joints of {', '.join(joints)}")
+    ancestors = [_body_and_ancestors(joints[name].parent)[1:] for name in described.joints]
+    shared = [body for body in ancestors[0] if all(body in bodies for bodies in ancestors[1:])]
+    if not shared:
+        raise InputError(
+            f"robot {path}: no body carries the joints of its hand", "put them on bodies of the arm's last"
+        )
+    return shared[0]
+
+
+@lru_cache(maxsize=16)
+def _ends_in_jaw(path: Path) -> bool:
+    """Whether the last joint of the longest chain closes a jaw on the body before it."""
+    spec = _parse_mjcf(path)
+    jaw = _moving_body(max(spec.bodies, key=lambda body: len(_body_and_ancestors(body))))
+    before = _body_and_ancestors(jaw)[1:]
+    chain = frozenset(str(joint.name) for body in before for joint in body.joints)
+    if not jaw.joints or not chain:
+        return False
+    try:
+        recognise_hand(spec, before[0], chain, str(path))
+    except InputError:
+        return False
+    return True
+
+
+def _moving_body(last: Any) -> Any:
+    """A body, or its nearest ancestor that has a joint, if any."""
+    return next((body for body in _body_and_ancestors(last) if body.joints), last)
 
 
 def _carrier_of_fingers(last: Any) -> Any:
@@ -125,7 +193,7 @@ def _find_joint_chain(spec: Any, path: Path) -> list[Any]:
     return joints
 
 
-def _attach_arm_to_world(world: Any, spec: Any, path: Path, turn: float, hand: Hand, moving: bool) -> None:
+def _attach_arm_to_world(world: Any, spec: Any, path: Path, turn: float, hand: Hand | OwnHand, moving: bool) -> None:
     """Add the weightless arm, its hand turned by ``turn`` (rad); bodies off the chain stay fixed."""
     chain = _find_joint_chain(spec, path)
     carrier, site = _find_tip_body_and_site(spec, path)
@@ -136,6 +204,13 @@ def _attach_arm_to_world(world: Any, spec: Any, path: Path, turn: float, hand: H
         if str(actuator.target) in torques and high > max(low, 0.0):
             torques[str(actuator.target)] = high
     place = (tuple(site.pos), tuple(site.quat)) if site is not None else ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+    described = read_described_hand(spec, str(path)) is not None
+    if isinstance(hand, OwnHand) or (site is None and (described or _ends_in_jaw(path))):
+        own = hand if isinstance(hand, OwnHand) else recognise_own_hand(path)
+        place = own.position, own.quaternion
+    if isinstance(hand, OwnHand):
+        for body in [body for body in carrier.bodies if body.joints or body.find_all("joint")]:
+            spec.delete(body)  # slides take its place
     quaternion = np.empty(4)
     mujoco.mju_mulQuat(quaternion, np.array(place[1]), np.array([np.cos(turn / 2), 0.0, 0.0, np.sin(turn / 2)]))
     carrier.name = carrier.name or "carrier"
@@ -162,4 +237,5 @@ def _attach_arm_to_world(world: Any, spec: Any, path: Path, turn: float, hand: H
     world.attach(spec, prefix=_PREFIX, frame=world.worldbody.add_frame())
     for name in names:
         add_position_actuator(world, f"{_PREFIX}{name}", _STIFFNESS, torques[name])
-    hand.add_to(world, world.body(end), place[0], tuple(quaternion), moving)
+    mounted = hand.hand if isinstance(hand, OwnHand) else hand
+    mounted.add_to(world, world.body(end), place[0], tuple(quaternion), moving)

@@ -11,7 +11,7 @@ from grs_agents.sim.cliport.environment import Environment
 from grs_agents.sim.cliport.task import Task
 from grs_agents.sim.expert.oracle import Oracle
 from grs_agents.sim.hands.hand import DEFAULT_HAND, Tool
-from grs_agents.sim.hands.registry import get_hand
+from grs_agents.sim.hands.registry import get_tool
 from grs_agents.sim.instance import goal
 from grs_agents.sim.world.colors import COLORS
 
@@ -55,7 +55,7 @@ def api_reference(
         robot: ``"ur5e"``, ``"panda"`` or the path of an MJCF file.
         hand: name of the hand at its flange.
     """
-    arm, held_by = get_arm(robot, hand), _HOLDS_BY[get_hand(hand).tool]
+    arm, held_by = get_arm(robot, hand), _HOLDS_BY[get_tool(hand)]
     lines = [
         "```python",
         "from grs_agents.sim import Task, Environment, utils, p",

@@ -165,7 +165,7 @@ class Stage:
 
 def add_robot(spec: Any, arm: Arm, push: bool, dressed: bool = True) -> None:
     """Add a robot to a rendered spec, with the spatula to ``push``; ``dressed`` in its looks, else as it collides."""
-    arm.add(spec)
+    arm.add(spec, dressed)
     if push:
         replace_cup_with_spatula(spec)
     if dressed:

@@ -17,7 +17,7 @@ from grs_agents.library.shapes import ObjectModel, Shape, shape_volume
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.registry import get_arm
 from grs_agents.sim.hands.hand import ROBOT_CONTYPE, Tool
-from grs_agents.sim.hands.registry import get_hand
+from grs_agents.sim.hands.registry import get_tool
 from grs_agents.sim.hands.spatula import replace_cup_with_spatula
 from grs_agents.sim.instance.episode import SimulationError
 from grs_agents.sim.instance.task_instance import (
@@ -187,7 +187,7 @@ def objects_to_spec(
     """
     spec = create_base_world_spec(timestep)
     arm = arm or get_arm()
-    arm.add(spec)
+    arm.add(spec, visuals)
     if tool == "spatula":
         replace_cup_with_spatula(spec)
     models = {item.id: load_object_model(item, library) for item in objects}
@@ -240,7 +240,7 @@ def instance_to_spec(instance: TaskInstance, library: Library, visuals: bool = F
         instance.timestep,
         visuals,
         instance.ties,
-        "spatula" if instance.primitive == "push" else get_hand(instance.hand).tool,
+        "spatula" if instance.primitive == "push" else get_tool(instance.hand),
         get_arm(instance.robot, instance.mounted_hand),
         instance.background,
     )
