@@ -48,7 +48,8 @@ class Request(ToolRequest):
     boxed: tuple[int, ...] = ()
     """Ids of objects whose boxes are returned without an outline."""
     from_photo: bool = False
-    """Through the photo's camera, which the instance must have, with textures; the other lens is ignored."""
+    """Through the photo's camera, which the instance must have, with textures; the other lens is ignored. The picture
+    is wider than the photo if an object of the task lies beyond its edge."""
     position: Vec3 = (1.35, 0.0, 0.75)
     """Of the camera, metres, robot frame."""
     target: Vec3 = (0.45, 0.0, 0.05)
@@ -119,15 +120,21 @@ def _draw_scene(asked: Request, limits: Limits) -> tuple[bytes, dict[int, Box]]:
 
 def _draw_textured(instance: "TaskInstance", library: Library, view: "LookAtCamera | None") -> "RenderedImage":
     """Draw through the lens of ``view``, or of the photo's camera."""
+    import numpy as np
+
     from grs_agents.sim.rendering.cameras import lens_from_field_of_view, photo_lens_and_pose, view_pose
     from grs_agents.sim.rendering.pictures import render_from_camera
     from grs_agents.sim.rendering.stage import scene_props_from_instance
+    from grs_agents.sim.world.footprints import object_prism_at_pose
+    from grs_agents.sim.world.spec import load_object_model
 
     props = replace(scene_props_from_instance(instance), arm=None)
     if view is None:
         if instance.camera is None:
             raise ValueError("the instance has no camera of a photo")
-        return render_from_camera(props, library, *photo_lens_and_pose(instance.camera, _PHOTO_SIDE))
+        prisms = [object_prism_at_pose(load_object_model(item, library), item.pose) for item in instance.task_objects]
+        shown = np.array([(*point, z) for prism in prisms for point in prism.outline for z in (prism.low, prism.high)])
+        return render_from_camera(props, library, *photo_lens_and_pose(instance.camera, _PHOTO_SIDE, shown))
     lens = lens_from_field_of_view(view.field_of_view, view.height, view.width)
     return render_from_camera(props, library, lens, view_pose(view))
 

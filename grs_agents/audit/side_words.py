@@ -24,6 +24,18 @@ _OWNED: Final = re.compile(
     re.IGNORECASE,
 )
 _PHOTO: Final = re.compile(r"\b(?:in|of|on) the (?:photo|picture|image)\b", re.IGNORECASE)
+_AS_IN_PHOTO: Final = re.compile(
+    r",? ?\bas (?:seen |shown )?(?:in|on|from) the (?:photo|picture|image)(?: (?:shows|sees) (?:it|them))?\b",
+    re.IGNORECASE,
+)
+_OPPOSITE: Final = {
+    "left": "right",
+    "leftmost": "rightmost",
+    "behind": "in front of",
+    "front": "back",
+    "back": "front",
+    "rear": "front",
+} | {"right": "left", "rightmost": "leftmost", "in front of": "behind"}
 _ALIKE: Final = math.cos(math.radians(45))
 """Cosine of 45 degrees, the angle half-way to the next side."""
 
@@ -44,6 +56,32 @@ def explain_ambiguous_sides(words: str, frame: TableFrame | None) -> str:
             word = next(filter(None, side.groups()))
             return f"{word!r} is another side for the robot than in the photo"
     return ""
+
+
+def state_robot_sides(words: str, frame: TableFrame | None) -> str:
+    """The words with sides "as in the photo" turned into the robot's; unchanged if they do not say so, or if the camera
+    stands aside, where left in the photo is neither left nor right of the robot.
+
+    Args:
+        words: the task's text.
+        frame: the photo's; None without a photo.
+    """
+    if frame is None or not _AS_IN_PHOTO.search(words) or _OWNED.search(words):
+        return words
+    right, away = _photo_axes(frame)
+    alike = float(np.dot(-right, (0.0, 1.0))), float(np.dot(away, (1.0, 0.0)))
+    if min(map(abs, alike)) < _ALIKE:
+        return words
+    for form, cosine in ((_ASIDE, alike[0]), (_AHEAD, alike[1])):
+        if cosine < 0:
+            words = form.sub(_swap_side, words)
+    return _AS_IN_PHOTO.sub(", as the robot sees it", words)
+
+
+def _swap_side(side: re.Match[str]) -> str:
+    """The phrase of a side with the opposite side."""
+    word = next(filter(None, side.groups()))
+    return side.group().replace(word, _OPPOSITE[word.lower()], 1)
 
 
 def describe_sides_in_photo(frame: TableFrame | None) -> str:

@@ -99,14 +99,14 @@ def prepare_scene_for_tasks(
         scene = _update_objects_by_id(scene, {lowest.id: {"held": True}})
     names = {label: scene.objects[number - FIRST_BYSTANDER].name for number, label in sim.object_labels.items()}
     labels = re.compile("|".join(map(re.escape, sorted(names, key=len, reverse=True))) or "(?!)")
-    return _update_objects_by_id(
-        scene,
-        {
-            number: {"pick_trouble": labels.sub(lambda label: names[label.group()], reason)}
-            for number, reason in explain_unpickable_objects(sim, episode.task).items()
-            if not scene.objects[number - FIRST_BYSTANDER].is_doubtful
-        },
-    )
+    changes: dict[int, dict[str, Any]] = {}
+    for number, reason in explain_unpickable_objects(sim, episode.task).items():
+        trouble = labels.sub(lambda label: names[label.group()], reason)
+        item = scene.objects[number - FIRST_BYSTANDER]
+        if item.is_doubtful:
+            trouble = item.pick_trouble if trouble in item.pick_trouble else f"{item.pick_trouble}; {trouble}"
+        changes[number] = {"pick_trouble": trouble}
+    return _update_objects_by_id(scene, changes)
 
 
 def _update_objects_by_id(scene: SceneDescription, changes: Mapping[int, Mapping[str, Any]]) -> SceneDescription:

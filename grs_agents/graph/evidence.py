@@ -34,7 +34,13 @@ _TILTED: Final = 5
 MARKED: Final = 3
 """Bound on the objects that are outlined."""
 _COLOR: Final = (255, 0, 255)  # BGR
+_ROBOT_VIEW: Final = {"position": (-0.35, 0.0, 0.85), "target": (0.5, 0.0, 0.0)}
+"""Camera above the robot's base that has the whole workspace in view, metres, robot frame."""
 _FONT: Final = 0.45
+_LINES, _OVER_NAME, _AWAY = 4, 10, 0.5
+"""Lines above and below a box at which its name is tried, the weight of what it hides of other names, and
+the cost of a line away from its box as a share of the area of the name."""
+_Box = tuple[int, int, int, int]
 _FRAME = re.compile(r'^\s*File "(?P<file>[^"]*)", line (?P<line>\d+), in (?P<function>.*)$')
 
 
@@ -190,28 +196,30 @@ def draw_end_of_episode(state: RunState, services: Services, role: str) -> list[
             return []
         instance = drawn[0]
     marked = find_ids_of_failed_objects(rollout.episode)
-    picture = services.render_instance(instance, output, poses=rollout.final, marked=marked)
-    if picture.image is None:
-        return []
-    write_names_beside_boxes(output, picture.boxes, {item.id: item.asset for item in instance.objects})
-    return [path]
+    return [path] if draw_from_photo(instance, rollout.final, output, services, marked) else []
 
 
-def draw_from_photo(instance: TaskInstance, poses: Mapping[int, Pose], output: Path, services: Services) -> bool:
-    """Draw a task instance as the photo's camera sees it, with textures and names; without a photo from the front.
+def draw_from_photo(
+    instance: TaskInstance, poses: Mapping[int, Pose], output: Path, services: Services, marked: Sequence[int] = ()
+) -> bool:
+    """Draw a task instance as the photo's camera sees it, with textures and names; without a photo from behind the
+    robot, so that its left is left.
 
     Args:
         instance: the instance.
         poses: pose of each object by id (m, robot frame).
         output: the PNG file.
         services: of the run.
+        marked: ids of objects to outline.
 
     Returns:
         False if nothing could be drawn.
     """
-    view = {"from_photo": True} if instance.camera is not None else {"textured": True}
+    view = {"from_photo": True} if instance.camera is not None else {"textured": True, **_ROBOT_VIEW}
     names = {item.id: item.name or item.asset for item in instance.objects}
-    picture = services.render_instance(instance, output, poses=dict(poses), boxed=tuple(names), **view)
+    picture = services.render_instance(
+        instance, output, poses=dict(poses), boxed=tuple(names), marked=tuple(marked), **view
+    )
     if picture.image is not None:
         write_names_beside_boxes(output, picture.boxes, names)
     return picture.image is not None
@@ -230,23 +238,34 @@ def find_ids_of_failed_objects(episode: Episode) -> list[int]:
     return [motion.object for motion in episode.motions if motion.asset in episode.objects][:MARKED]
 
 
-def write_names_beside_boxes(
-    file: Path, boxes: Mapping[int, tuple[int, int, int, int]], names: Mapping[int, str]
-) -> None:
-    """Write names into a picture file, above or below boxes (left, top, right, bottom) in pixels, none over another."""
+def write_names_beside_boxes(file: Path, boxes: Mapping[int, _Box], names: Mapping[int, str]) -> None:
+    """Write names into a picture file, above or below boxes (left, top, right, bottom) in pixels, where they hide the
+    least of boxes and of other names, with a line to the middle of the box."""
     picture = read_picture(file, cv2.IMREAD_COLOR)
-    taken: list[tuple[int, int, int, int]] = []
-    for number, (left, top, _, bottom) in sorted(boxes.items(), key=lambda entry: entry[1][1]):
+    taken: list[_Box] = []
+    for number, (left, top, right, bottom) in sorted(boxes.items(), key=lambda entry: entry[1][1]):
         text = f"{names[number]} #{number}"
         (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, _FONT, 1)
-        x = max(0, min(left, picture.shape[1] - width - 4))
-        y = top - 6 if top > height + 8 else bottom + height + 6
-        while any(
-            x < right and x + width + 4 > begin and y - height - 3 < low and y + 4 > high
-            for begin, high, right, low in taken
-        ):
-            y += height + 8
-        taken.append((x, y - height - 3, x + width + 4, y + 4))
-        cv2.rectangle(picture, (x, y - height - 3), (x + width + 4, y + 4), (255, 255, 255), -1)
-        cv2.putText(picture, text, (x + 2, y), cv2.FONT_HERSHEY_SIMPLEX, _FONT, _COLOR, 1, cv2.LINE_AA)
+        x, line = max(0, min(left, picture.shape[1] - width - 4)), height + 8
+        costs: dict[_Box, float] = {}
+        for step in range(_LINES):
+            for y in (top - 6 - step * line, bottom + height + 6 + step * line):
+                if height + 3 <= y < picture.shape[0] - 4:
+                    plate = (x, y - height - 3, x + width + 4, y + 4)
+                    hidden = sum(_area_in_common(plate, box) for box in boxes.values())
+                    hidden += _OVER_NAME * sum(_area_in_common(plate, name) for name in taken)
+                    costs[plate] = hidden + step * _AWAY * line * width
+        plate = min(costs, key=lambda plate: costs[plate], default=(x, 0, x + width + 4, height + 7))
+        taken.append(plate)
+        middle, edge = ((left + right) // 2, (top + bottom) // 2), plate[3] if plate[3] < bottom else plate[1]
+        cv2.line(picture, (min(max(middle[0], plate[0]), plate[2]), edge), middle, _COLOR, 1, cv2.LINE_AA)
+        cv2.rectangle(picture, plate[:2], plate[2:], (255, 255, 255), -1)
+        cv2.putText(picture, text, (x + 2, plate[3] - 4), cv2.FONT_HERSHEY_SIMPLEX, _FONT, _COLOR, 1, cv2.LINE_AA)
     write_bytes(file, cv2.imencode(".png", picture)[1].tobytes())
+
+
+def _area_in_common(first: _Box, second: _Box) -> int:
+    """Area of the overlap of two boxes, pixels."""
+    width = min(first[2], second[2]) - max(first[0], second[0])
+    height = min(first[3], second[3]) - max(first[1], second[1])
+    return max(width, 0) * max(height, 0)

@@ -9,7 +9,7 @@ from grs_agents.agents import roles
 from grs_agents.agents.types import NoReply, WordsJudgement
 from grs_agents.audit.goal_checks import pair_instances_with_rollouts
 from grs_agents.audit.goal_sentences import TaskInWords, describe_task_in_words
-from grs_agents.audit.side_words import describe_sides_in_photo, explain_ambiguous_sides
+from grs_agents.audit.side_words import describe_sides_in_photo, explain_ambiguous_sides, state_robot_sides
 from grs_agents.audit.types import AuditFinding, AuditReport, JudgedWords
 from grs_agents.graph.evidence import draw_from_photo
 from grs_agents.graph.services import Services
@@ -87,7 +87,9 @@ def _judge_words(
     time with the evidence in reverse; where its verdicts differ, the words are not judged.
     """
     assert audited.task is not None
-    words, frame = audited.task.description, audited.scene.frame if audited.scene is not None else None
+    frame = audited.scene.frame if audited.scene is not None else None
+    words = state_robot_sides(audited.task.description, frame)
+    restated = "The author gave the sides in the words as in the photo." if words != audited.task.description else ""
     other_texts = (f"name: {audited.task.name}", *facts.other_texts)
     if ambiguous := explain_ambiguous_sides(words, frame):
         return JudgedWords(verdict="not_judged", by=_GRS, why=ambiguous)
@@ -102,7 +104,7 @@ def _judge_words(
         other_texts=other_texts,
         objects=facts.objects,
         goals=facts.goals,
-        notes=list(filter(None, (_list_left_alone(words, facts), describe_sides_in_photo(frame)))),
+        notes=list(filter(None, (_list_left_alone(words, facts), describe_sides_in_photo(frame), restated))),
         pictures=_draw_start_and_end(instance, rollout, services) if services.agents.sees_pictures("judge") else (),
     )
     first = roles.judge_words(services.agents, evidence)

@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 
 from grs_agents.sim.expert.oracle import Oracle
-from grs_agents.sim.goals.planning_scene import PlanningScene, carried_object_ids
+from grs_agents.sim.goals.planning_scene import STAYS, PlanningScene, carried_object_ids
 from grs_agents.sim.goals.task_accounting import ScoredTask
 from grs_agents.sim.instance.episode import Stop
 from grs_agents.sim.tabletop import TabletopSim
@@ -30,7 +30,7 @@ def explain_unpickable_objects(sim: TabletopSim, task: ScoredTask) -> dict[int, 
             continue
         point = oracle.find_holds(number, view)
         if isinstance(point, Stop):
-            reasons[number] = point.detail
+            reasons[number] = point.detail.replace(f", which {STAYS}", "")  # a task may move it first
         elif not isinstance(point, tuple):
             reasons[number] = f"{labels[point.blocker]} covers it"
         else:

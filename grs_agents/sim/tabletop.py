@@ -105,6 +105,7 @@ class TabletopSim:
         self.bounds: FloatArray = np.array([[0.25, 0.75], [-0.5, 0.5], [0.0, 0.28]])  # metres
         self.recorder = Recorder()
         self.places: dict[int, Pose] = {}  # of every object once the scene had settled
+        self.explain_lack_of_space: Callable[[], str] | None = None  # for the last place that was not found
         self.seed(seed)
         self.timestep = spec.TIMESTEP
         self.end_effector: EndEffector = make_end_effector("pick_place", self.hand)
@@ -166,8 +167,11 @@ class TabletopSim:
         self.warn_of_unknown_arguments("env.add_object", _unknown, TabletopSim.add_object)
         pair = cast("Sequence[Any]", pose) if isinstance(pose, tuple | list) else ()
         if pose is None or (pair and pair[0] is None):
-            found = f"add_object({name!r}) was given the pose None: no free place was found for it"
-            raise NoFreeSpaceError(found, "add fewer or smaller objects, or give a fixed pose")
+            reason = self.explain_lack_of_space() if self.explain_lack_of_space else "no free place was found for it"
+            raise NoFreeSpaceError(
+                f"add_object({name!r}) was given the pose None: {reason}",
+                "add fewer or smaller objects, the largest first, or give a fixed pose",
+            )
         filling = templates.find_filling_by_name(name)
         if filling is None:
             self.library.asset(name)

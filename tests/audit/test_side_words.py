@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from grs_agents.audit.side_words import describe_sides_in_photo, explain_ambiguous_sides
+from grs_agents.audit.side_words import describe_sides_in_photo, explain_ambiguous_sides, state_robot_sides
 from grs_agents.perception.types import TableFrame
 
 
@@ -68,6 +68,23 @@ def test_sides_as_in_the_photo_are_not_the_robots() -> None:
     assert explain_ambiguous_sides(words, frame_seen_from(0)) and not explain_ambiguous_sides(
         words, frame_seen_from(180)
     )
+
+
+@pytest.mark.parametrize(
+    ("words", "opposite"),
+    [
+        ("Put the can to the left of the bowl, as in the photo.", "Put the can to the right of the bowl"),
+        ("Put the can behind the bowl, as seen in the picture.", "Put the can in front of the bowl"),
+        ("Take the rightmost can to the front row, as shown in the photo.", "Take the leftmost can to the back row"),
+    ],
+)
+def test_sides_as_in_the_photo_are_turned_into_the_robots(words: str, opposite: str) -> None:
+    stated = state_robot_sides(words, frame_seen_from(0))
+    assert stated == f"{opposite}, as the robot sees it."
+    assert not explain_ambiguous_sides(stated, frame_seen_from(0))
+    assert state_robot_sides(words, frame_seen_from(180)).startswith(words.partition(", as")[0])
+    assert state_robot_sides(words, frame_seen_from(90)) == words
+    assert state_robot_sides(opposite, frame_seen_from(0)) == opposite
 
 
 @pytest.mark.parametrize(

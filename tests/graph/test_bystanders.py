@@ -102,9 +102,12 @@ def test_an_object_seen_too_sparsely_stays_a_bystander_that_the_authors_are_told
     for item in (near, covered):
         item["pick_trouble"] = doubt
     scene = prepare_scene_for_tasks(scene_of(state, near, covered, on_it), Library(), "ur5e")
-    assert [item.pick_trouble for item in scene.objects] == ["", "", "", doubt, doubt, ""]
+    both = f"{doubt}; it carries yellow_block_6"
+    assert [item.pick_trouble for item in scene.objects] == ["", "", "", doubt, both, ""]
+    assert prepare_scene_for_tasks(scene, Library(), "ur5e") == scene
     assert [item.id for item in photo_objects(scene, Library())][3:] == [50_003, 50_004, 50_005]
-    assert [item.get("cannot_be_picked") for item in scene_for_prompt(scene, Library())["objects"]][3:5] == [doubt] * 2
+    told = [item.get("cannot_be_picked") for item in scene_for_prompt(scene, Library())["objects"]]
+    assert told[3:5] == [doubt, both]
 
 
 def test_what_stands_where_the_robot_does_is_left_out(state: RunState) -> None:

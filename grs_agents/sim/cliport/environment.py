@@ -153,7 +153,7 @@ class Environment(TabletopSim):
         pybullet.set_current_environment(self)
         if self.witness is not None:
             self.witness.begin_reset(self)
-        self.failed_placements = 0
+        self.failed_placements, self.explain_lack_of_space = 0, None
         episode = TabletopEpisode(self, self.task, end_effectors.find_end_effector(self.task, self.hand))
         episode.set_up_scene()
         if self.witness is not None:

@@ -3,6 +3,7 @@
 import ast
 import itertools
 from collections.abc import Mapping, Sequence
+from functools import partial
 from types import ModuleType
 from typing import Any, Final, cast
 
@@ -211,16 +212,17 @@ class Task(TaskKit):
             env.failed_placements = 0
             return list(pose[0]), pose[1]
         env.failed_placements += 1
+        around = (bounds, _placement_obstacles(env), env.arm, env.object_labels)
+        env.explain_lack_of_space = partial(placement.explain_lack_of_space, size, *around)
         if env.failed_placements >= _PATIENCE:
             raise NoFreeSpaceError(
-                f"no free place of {size[0]:.2f} x {size[1]:.2f} m among {len(env.objects)} objects, asked "
-                f"{_PATIENCE} times",
-                "add fewer or smaller objects",
+                f"{env.explain_lack_of_space()}; it was asked for {_PATIENCE} times",
+                "add fewer or smaller objects, the largest first",
             )
         return None, None
 
     def _draw_free_pose(self, env: Environment, size: Vec3, bounds: FloatArray) -> Pose | None:
-        return placement.sample_free_pose(size, bounds, _placement_obstacles(env), env.rng, env.arm)
+        return placement.sample_free_pose(size, bounds, _placement_obstacles(env), env.rng, env.arm, thorough=True)
 
     def spawn_box(self) -> None:
         """Bring objects parked beyond the table to free places on it, all at once.

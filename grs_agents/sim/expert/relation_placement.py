@@ -160,6 +160,11 @@ def _explain_no_valid_spot(goal: Goal, number: int, scene: PlanningScene, why: s
     references = goal.mentioned_object_ids[len(goal.objects) :]
     reference = "".join(f" {scene.object_label(other)}" for other in references)
     wanted = f"{scene.object_label(number)} would be {str(goal.relation_kind).replace('_', ' ')}{reference}"
+    if goal.relation_kind == "inside" and "not below the rim" in why:
+        width, depth = scene.object_extent_xy(number)
+        small = f"{reference.strip()} is too small for {scene.object_label(number)} ({width:.3f} x {depth:.3f} m)"
+        detail = f"{small}: on its walls or its rim {why}"
+        return make_oracle_stop("target_too_small", detail, scene, number, goal.reference_id)
     words = f"at no spot {wanted}; at the best one {why}" if why else f"no spot at which {wanted} is free"
     return make_oracle_stop("target_occupied", words, scene, number)
 

@@ -292,12 +292,16 @@ def make_oracle_stop(outcome: Outcome, detail: str, scene: PlanningScene, *numbe
     return Stop(outcome, detail + "".join(tipped), tuple(dict.fromkeys(map(scene.object_name, numbers))))
 
 
+STAYS: Final = "must stay where the photo shows it"
+"""The reason why a task may not move an object that it does not name."""
+
+
 def describe_unmovables(numbers: Iterable[int], scene: PlanningScene) -> str:
     """Objects that the robot may not move, in words with the reasons."""
     owners = list(dict.fromkeys(numbers))
     staying = [scene.object_label(number) for number in owners if scene.is_bystander(number)]
     fixed = [scene.object_label(number) for number in owners if not scene.is_bystander(number)]
-    reasons = ((staying, "must stay where the photo shows it"), (fixed, "is fixed"))
+    reasons = ((staying, STAYS), (fixed, "is fixed"))
     return "; ".join(f"{' and '.join(labels)}, which {reason}" for labels, reason in reasons if labels)
 
 

@@ -93,7 +93,8 @@ def find_grasp(physics: Physics, number: int, outline: Prism, others: Sequence[P
         if owner != number:
             if owner >= 0 and height > outline.low:
                 hindering[owner] += 1
-                covering.add(owner)
+                if physics.cast_ray((x, y, outline.low), (0.0, 0.0, 1.0))[1] == number:  # not beside it
+                    covering.add(owner)
             continue
         roughness, obstacle = _estimate_seal_cost(physics, number, x, y, height)
         if obstacle < 0:

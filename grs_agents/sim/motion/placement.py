@@ -1,7 +1,7 @@
 """Free space on the table: sampling of free poses, and search for free spots in a region, within the arm's reach."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -20,12 +20,16 @@ from grs_agents.sim.world.footprints import (
     rectangle_outline,
     rest_heights_for_gaps,
     rotation_matrix_2d,
+    signed_outline_gaps,
 )
 
 _BATCH: Final = 256
 _BATCHES: Final = 16
 """Yaws tried before giving up: with 6, every sixth draw for a zone of 10 x 29 cm among 11 objects failed, with 16 none
 of 100; a failing draw takes 10 ms."""
+_OCTAGON: Final = np.array([(np.cos(angle), np.sin(angle)) for angle in np.arange(8) * (np.pi / 4)])
+_GRID, _TURN = 0.01, np.pi / 24
+"""Spacing (m) and turns (rad) of the grid that is searched when random places fail."""
 _FLUSH: Final = 0.003
 _LEVEL: Final = 0.012
 """Support heights closer than this are the same level, metres."""
@@ -38,17 +42,25 @@ def sample_free_pose(
     rng: np.random.Generator,
     arm: Arm,
     gap: float = 0.01,
+    *,
+    thorough: bool = False,
 ) -> Pose | None:
     """A free, reachable pose on the table for a box of ``size`` (m; signs ignored) with ``gap`` (m) around it, or None.
+
+    Random places come first. If none is free, a ``thorough`` search draws one of all free places of a grid: of boxes
+    within ``bounds``, or else of boxes that the arm reaches with their centres within ``bounds``.
 
     Cached with the state it leaves ``rng`` in, since resets of an environment repeat most draws.
     """
     sides, before = tuple(max(abs(float(extent)), 0.001) for extent in size), rng.bit_generator.state
-    key = (sides, bounds.tobytes(), repr(before), tuple(map(id, obstacles)), id(arm), gap)
+    key = (sides, bounds.tobytes(), repr(before), tuple(map(id, obstacles)), id(arm), gap, thorough)
     if key not in _drawn:
         if len(_drawn) >= _REMEMBERED:
             _drawn.clear()
         pose = _sample_free_pose(sides, bounds, obstacles, rng, arm, gap)
+        if pose is None and thorough and len(places := _find_free_places(sides, bounds, obstacles, arm, gap)):
+            x, y, yaw = places[rng.integers(len(places))].tolist()
+            pose = (x, y, sides[2] / 2), transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, yaw))
         _drawn[key] = _CachedPoseSample(pose, rng.bit_generator.state, (*obstacles, arm))
     rng.bit_generator.state = _drawn[key].state
     return _drawn[key].pose
@@ -91,6 +103,74 @@ def _sample_free_pose(
             rotation = transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, yaw))
             return (float(free[0, 0]), float(free[0, 1]), z / 2), rotation
     return None
+
+
+_searched: dict[Any, tuple[FloatArray, tuple[Any, ...]]] = {}
+
+
+def _find_free_places(
+    size: Sequence[float], bounds: FloatArray, obstacles: Sequence[Prism], arm: Arm, gap: float
+) -> FloatArray:
+    """Free places (N, 3) for a box on a grid: x, y (m) and yaw (rad); cached, as it does not depend on chance."""
+    key = (tuple(size), bounds.tobytes(), tuple(map(id, obstacles)), id(arm), gap)
+    if key not in _searched:
+        if len(_searched) >= _REMEMBERED:
+            _searched.clear()
+        (x0, x1), (y0, y1) = bounds[:2]
+        around = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+        grid = np.stack(np.meshgrid(*(np.arange(low, high + _GRID / 2, _GRID) for low, high in bounds[:2])), axis=-1)
+        centers = grid.reshape(-1, 2)
+        heights = (size[2], size[2] + 0.15)
+        for height in heights:
+            centers = centers[arm.reachable_mask(np.column_stack([centers, np.full(len(centers), height)]))]
+        disc = min(size[:2]) / 2 * _OCTAGON  # lies within the box at every yaw
+        centers = centers[least_outline_gaps(disc, obstacles, centers) >= gap]
+        found: list[FloatArray] = []
+        beyond: list[FloatArray] = []
+        for yaw in np.arange(0, np.pi, _TURN).tolist():
+            outline = rectangle_outline((0.0, 0.0), (size[0], size[1]), yaw)
+            free = centers[least_outline_gaps(outline, obstacles, centers) >= gap]
+            within = margins_inside_outline(outline, around, free) >= 0
+            reached = np.ones(len(free), np.bool_)
+            for corner in outline:
+                for height in heights:
+                    points = np.column_stack([free + corner, np.full(len(free), height)])
+                    reached &= arm.reachable_mask(points)
+            for kept, mask in ((found, within), (beyond, reached)):
+                kept.append(np.column_stack([free[mask], np.full(int(mask.sum()), yaw)]))
+        places = np.vstack(found)
+        _searched[key] = (places if len(places) else np.vstack(beyond), (*obstacles, arm))
+    return _searched[key][0]
+
+
+def explain_lack_of_space(
+    size: Sequence[float], bounds: FloatArray, obstacles: Sequence[Prism], arm: Arm, labels: Mapping[int, str]
+) -> str:
+    """Explain that no place is free for a box of ``size`` (m; signs ignored): the objects in the way where the fewest
+    are, by their ``labels``, and the size that would fit."""
+    size = [max(abs(extent), 0.001) for extent in size]
+    (x0, x1), (y0, y1) = bounds[:2]
+    xs, ys = np.linspace(float(x0), float(x1), 11).tolist(), np.linspace(float(y0), float(y1), 21).tolist()
+    centers = np.array([(x, y) for x in xs for y in ys])
+    centers = centers[arm.reachable_mask(np.column_stack([centers, np.full(len(centers), size[2])]))]
+    fewest: list[str] | None = None
+    for yaw in np.arange(0, np.pi, np.pi / 6).tolist():
+        outline = rectangle_outline((0.0, 0.0), (size[0], size[1]), yaw)
+        gaps = np.array([signed_outline_gaps(outline, prism.outline, centers) for prism in obstacles]) < 0.01
+        if gaps.size and (fewest is None or gaps.sum(axis=0).min() < len(fewest)):
+            blocking = np.flatnonzero(gaps[:, int(gaps.sum(axis=0).argmin())]).tolist()
+            fewest = list(dict.fromkeys(labels.get(obstacles[row].owner, "the background") for row in blocking))
+    smaller = (
+        f"{share * size[0]:.2f} x {share * size[1]:.2f} m"
+        for share in (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3)
+        if len(_find_free_places((share * size[0], share * size[1], size[2]), bounds, obstacles, arm, 0.01))
+    )
+    fits = next(smaller, None)
+    way = f", where the fewest are in the way: {' and '.join(fewest)}" if fewest else ""
+    return (
+        f"no place of {size[0]:.2f} x {size[1]:.2f} m is free in reach of the arm{way}; "
+        f"{f'{fits} would fit' if fits else 'a third of that would not fit either'}"
+    )
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,8 @@ class LookAtCamera:
     width: int = 640
 
 
+_NEAREST = 0.05
+"""Least distance along the optical axis at which a point counts as before the camera, metres."""
 FRONT = LookAtCamera((1.35, 0.0, 0.75), (0.45, 0.0, 0.05))
 LEFT = LookAtCamera((0.15, 0.85, 0.65), (0.5, 0.0, 0.05))
 RIGHT = LookAtCamera((0.15, -0.85, 0.65), (0.5, 0.0, 0.05))
@@ -97,14 +99,27 @@ def lens_from_field_of_view(field_of_view: float, height: int, width: int) -> Le
     return Lens(focal, focal, (width - 1) / 2, (height - 1) / 2, width, height)
 
 
-def photo_lens_and_pose(camera: InstanceCamera, side: int) -> tuple[Lens, FloatArray]:
-    """Lens and pose (T_robot_cam (4, 4), OpenCV axes, m) of the photo's camera; ``side``: bound on the picture's longer
-    side, pixels."""
-    lens = Lens(camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height)
-    scale = min(1.0, side / max(camera.height, camera.width))
+def photo_lens_and_pose(camera: InstanceCamera, side: int, shown: FloatArray) -> tuple[Lens, FloatArray]:
+    """Lens and pose (T_robot_cam (4, 4), OpenCV axes, m) of the photo's camera.
+
+    Args:
+        camera: the photo's.
+        side: bound on the longer side of the picture, pixels.
+        shown: points (N, 3), m, robot frame, for which the picture is widened, at most by half on each side: the photo
+            need not show the place to which an object is brought.
+    """
     position, rotation = camera.pose
     pose = pose_matrix(quaternion_to_matrix(rotation), np.array(position))
-    return resize_lens(lens, max(1, round(scale * camera.height)), max(1, round(scale * camera.width))), pose
+    seen = (shown.reshape(-1, 3) - pose[:3, 3]) @ pose[:3, :3]
+    seen = seen[seen[:, 2] > _NEAREST]
+    size, focal = np.array([camera.width, camera.height]), np.array([camera.fx, camera.fy])
+    pixels = np.vstack([seen[:, :2] / seen[:, 2:] * focal + (camera.cx, camera.cy), (size - 1) / 2])
+    before = np.clip(np.ceil(-pixels.min(axis=0)), 0, size // 2)
+    left, top = before.tolist()
+    width, height = (size + before + np.clip(np.ceil(pixels.max(axis=0)) + 1 - size, 0, size // 2)).astype(int).tolist()
+    lens = Lens(camera.fx, camera.fy, camera.cx + left, camera.cy + top, width, height)
+    scale = min(1.0, side / max(height, width))
+    return resize_lens(lens, max(1, round(scale * height)), max(1, round(scale * width))), pose
 
 
 def lens_ray_directions(lens: Lens) -> FloatArray:

@@ -56,11 +56,14 @@ def sample_collision_volume(model: ObjectModel, library: Library) -> Volume:
 _CELLS: Final = 160
 _MOUTH: Final = 0.15
 """Cells along each axis of a level, and the depth below the rim at which walls are sought, as a share of the height."""
+_ABOVE: Final = 0.006
+"""Height above the floor at which a container is measured, metres: what is no higher counts as standing on it."""
 
 
 @cached_per_model
 def measure_inner_size(model: ObjectModel, library: Library) -> Vec3 | None:
-    """Inner size of an upright container: x and y between its walls at half depth, z from floor to rim, metres.
+    """Inner size of an upright container: x and y between its walls just above the floor, since what goes into a bowl
+    stands there, z from floor to rim, metres.
 
     None for objects without an inside: solids, marks, flat plates.
     """
@@ -88,7 +91,7 @@ def measure_inner_size(model: ObjectModel, library: Library) -> Vec3 | None:
     middle = low[:2] + (mouth.mean(axis=0) + 0.5) * cell[:2]
     column = _grid_cell_centers(np.array([*middle, low[2]]), np.array([*middle, high[2]]), np.array([1, 1, _CELLS]))
     floor = float(column[2][are_points_inside_solids(column)].max(initial=low[2]) + cell[2] / 2)
-    across = (np.ptp(find_hollow_cells((floor + high[2]) / 2), axis=0) + 1) * cell[:2]
+    across = (np.ptp(find_hollow_cells(min(floor + _ABOVE, (floor + high[2]) / 2)), axis=0) + 1) * cell[:2]
     return (float(across[0]), float(across[1]), float(high[2] - floor))
 
 

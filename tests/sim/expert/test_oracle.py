@@ -252,3 +252,16 @@ def test_a_neighbour_that_leaves_the_cup_no_room_does_not_cover_the_top() -> Non
     assert episode.outcome == "unreachable"
     assert "leaves no room for the cup beside HOPE/Milk.urdf" in episode.detail
     assert "covered" not in episode.detail
+
+
+def test_an_object_that_would_rest_on_the_rim_finds_its_bowl_too_small() -> None:
+    def scene(task, env) -> None:
+        bowl = env.add_object("bowl/bowl.urdf", at(0.5, 0.2, 0.03), "fixed")
+        size = {"DIM": (0.105, 0.105, 0.03), "HALF": (0.0525, 0.0525, 0.015)}
+        plate = env.add_object(task.fill_template("box/box-template.urdf", size), at(0.5, -0.2, 0.015))
+        task.add_goal(inside([plate], bowl), language_goal="put it in")
+
+    episode, _ = run(scene)
+    assert episode.outcome == "target_too_small"
+    assert "bowl/bowl.urdf #1" in episode.detail and "is too small for" in episode.detail
+    assert "at the best one" not in episode.detail

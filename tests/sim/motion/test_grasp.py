@@ -182,3 +182,20 @@ def test_what_bends_the_cup_too_hard_tips_off_and_no_such_point_is_offered(singl
     result = env.pick_place(at(0.53, -0.2, 0.02), at(0.53, 0.2, 0.02))
     assert "tipped off the cup: " in result.note and "N m bent it, it bears 0.15 N m" in result.note
     assert result.trouble == "dropped"
+
+
+def test_a_neighbour_in_the_notch_of_an_angle_is_beside_it_not_on_top(single) -> None:
+    """The notch lies within the outline of the angle, whose legs have no face for the cup."""
+    leg = '<box size="0.1 0.004 0.04"/></geometry><origin xyz="0 -0.048 0"/></collision><collision>'
+    angle = f'{leg}<origin xyz="-0.048 0 0"/><geometry><box size="0.004 0.1 0.04"/>'
+    root = single(angle, [0.1, 0.1, 0.04], 0.5, 0).assets_root
+
+    def scene(task, env) -> None:
+        env.add_object("thing.urdf", at(0.5, 0, 0.02), "fixed")
+        env.add_object("block/block.urdf", at(0.49, -0.01, 0.02), "fixed")
+
+    env = Environment(root, task=Scripted(scene))
+    env.reset()
+    found = find_grasp(env.physics, 1, env.object_prism(1))
+    assert found.hindered_by == (2,)
+    assert not found.covered_by
