@@ -1,5 +1,6 @@
 """Parsers of model replies: cut thoughts, find the fenced block with the answer, and validate it."""
 
+import ast
 import json
 import re
 import reprlib
@@ -23,8 +24,14 @@ _VERDICTS: dict[str, Verdict] = {
     "fix_tests": "fix_test",
     "fix_task": "fix_task",
 }
-_VERDICT = re.compile(r"\W*(?:verdict\W+)?(fix_(?:code|tests?|task))\W*", re.IGNORECASE)
-"""A verdict by itself, perhaps after the word."""
+_VERDICT = re.compile(r"\W*(?:verdict\W+)?(fix_(?:code|tests?|task))\W*(?:\((?:(?!fix_)[^()])*\)\W*)?", re.IGNORECASE)
+"""A verdict by itself, perhaps after the word and before a reason in brackets."""
+_LAST_WORDS = re.compile(
+    r"(?!.*(?:\bnot\b|n't\b|fix_.*fix_)).*\b(?:verdict|answer|choice|decision)\b.*\b(fix_(?:code|tests?|task))\W*",
+    re.IGNORECASE,
+)
+"""A sentence that ends in a verdict and calls it that."""
+_LONGEST_SENTENCE = 300
 _LONGEST = 2**20
 """Characters of a reply, thoughts included: some 250,000 tokens. Hostile text takes 3 s at most."""
 _MOST_PROBLEMS = 30
@@ -52,6 +59,9 @@ _TRAILING_TOKENS = re.compile(r"(?:\s*(?:<[|｜][\w▁]{1,40}[|｜]>|</s>|<eos>|
 _SEARCHED_TAIL = 200
 """Characters at the end of a reply that may hold special tokens."""
 _QUOTES = ("'", '"', "`")
+_IMPORT = re.compile(r"^(?:import|from)[ \t]+\w", re.MULTILINE)
+_MOST_REMARKS = 5
+"""Paragraphs after a program without a fence that may be words."""
 _BLANK_REST = re.compile(r"[ \t]*(?:\n|\Z)")
 _FENCE = re.compile(r"^(?P<indent>[ \t]*)(?P<run>`{3,}|~{3,})(?P<info>[^\n]*)$", re.MULTILINE)
 _MOST_INDENT = 3
@@ -165,25 +175,55 @@ def extract_python_program(text: str, base: Literal["Task", "TestCase"] = "Task"
         ReplyError: no block, or an empty block.
     """
     text = _cut_to_answer(text)
-    if "import" in text:
-        try:
-            parse_python(text)
-        except (SyntaxError, ValueError, RecursionError, MemoryError):  # MemoryError: too deeply nested
-            pass
-        else:
-            return text.rstrip() + "\n"
+    if text.lstrip().startswith("{"):
+        text = _read_only_text(text)
+    if "import" in text and _read_statements(text):
+        return text.rstrip() + "\n"
     defines = re.compile(rf"^[ \t]*class[ \t]+\w+[ \t]*\([^)\n]*\b\w*{base}\b", re.MULTILINE)
+    blocks = list(_find_fenced_blocks(text))
+    if not blocks and (bare := _IMPORT.search(text)) and defines.search(text, bare.start()) is not None:
+        paragraphs = text[bare.start() :].split("\n\n")
+        for end in range(len(paragraphs), max(0, len(paragraphs) - _MOST_REMARKS), -1):
+            if defines.search(program := "\n\n".join(paragraphs[:end])) and _read_statements(program):
+                return program.rstrip() + "\n"
     ranked: list[tuple[int, FencedBlock]] = []
-    for block in _find_fenced_blocks(text):
+    for block in blocks:
         tag = 2 if _PYTHON.fullmatch(block.language) else 0 if block.language else 1
         ranked.append((4 * bool(defines.search(block.body)) + tag, block))
     best = max((rank for rank, _ in ranked), default=0)
     if not best:
         raise _missing_block_error(text, "python")
-    body = [block.body for rank, block in ranked if rank == best][-1]
-    if not body.strip():
+    *_, (_, chosen) = (entry for entry in ranked if entry[0] == best)
+    body = chosen.body.strip("\n").rstrip()
+    if not body:
         raise ReplyError("the python block is empty")
-    return body.strip("\n").rstrip() + "\n"
+    before = [block.body for _, block in ranked if block.start < chosen.start and _holds_imports_alone(block.body)]
+    if before and not _IMPORT.search(body):  # a program in two blocks
+        body = f"{before[-1].strip()}\n\n\n{body}"
+    return body + "\n"
+
+
+def _read_statements(text: str) -> list[ast.stmt]:
+    """The statements of a program; none if it is no Python."""
+    try:
+        return parse_python(text).body
+    except (SyntaxError, ValueError, RecursionError, MemoryError):  # MemoryError: too deeply nested
+        return []
+
+
+def _holds_imports_alone(text: str) -> bool:
+    statements = _read_statements(text)
+    return bool(statements) and all(isinstance(item, ast.Import | ast.ImportFrom) for item in statements)
+
+
+def _read_only_text(text: str) -> str:
+    """The text in a JSON object of a single text, such as ``{"code": "..."}``; else ``text``."""
+    try:
+        value = json.loads(text, strict=False)
+    except (ValueError, RecursionError):
+        return text
+    only: list[Any] = list(cast("dict[str, Any]", value).values()) if isinstance(value, dict) else []
+    return only[0] if len(only) == 1 and isinstance(only[0], str) else text
 
 
 def extract_test_program(text: str) -> str:
@@ -204,7 +244,11 @@ def parse_verdict(text: str) -> RouterReply:
     verdicts = [found[1].lower() for block in blocks if (found := _VERDICT.fullmatch(block.body.strip()))]
     if not verdicts:
         last = text.strip().rpartition("\n")[2]
-        if (found := _VERDICT.fullmatch(last)) is None:
+        found = _VERDICT.fullmatch(last)
+        sentence = _LAST_WORDS.fullmatch(last) if len(last) <= _LONGEST_SENTENCE else None
+        if not found and sentence:
+            return RouterReply(verdict=_VERDICTS[sentence[1].lower()], explanation=text.strip())
+        if found is None:
             raise ReplyError(
                 "end with a fenced block that holds exactly one of the verdicts, e.g. fix_code or fix_test"
             )
@@ -293,11 +337,14 @@ def _read_rows(body: str, model: type[Model]) -> list[JsonRow[Model]]:
     for value in decoded:
         values += cast("list[Any]", value) if isinstance(value, list) else [value]
     if len(values) == 1 and isinstance(values[0], dict) and not _is_meant(values[0], model):
-        # A wrapper like {"segments": [...]}: the objects under its only key
-        inner: list[Any] = list(cast("dict[str, Any]", values[0]).values())
-        items = cast("list[Any]", inner[0] if isinstance(inner[0], list) else inner) if len(inner) == 1 else []
+        # A wrapper like {"segments": [...]}: the objects under its only key; or objects by number, {"3": {...}}
+        table = cast("dict[str, Any]", values[0])
+        inner: list[Any] = list(table.values())
+        items = cast("list[Any]", inner[0] if len(inner) == 1 and isinstance(inner[0], list) else inner)
         if items and all(isinstance(item, dict) for item in items):
-            values = items
+            by_number = items is inner and all(key.strip().isdecimal() for key in table)
+            if by_number or len(inner) == 1:
+                values = [{"id": key, **item} for key, item in table.items()] if by_number else items
     rows: list[JsonRow[Model]] = []
     for value in values:
         if isinstance(value, ValueError):
@@ -400,6 +447,10 @@ def _make_block(opened: re.Match[str], body: str, end: int) -> FencedBlock:
     indent = _count_columns(opened["indent"])
     body = re.sub(rf"^ {{1,{indent}}}", "", body.expandtabs(4), flags=re.MULTILINE) if indent else body
     word = _LANGUAGE.search(opened["info"][:_LONGEST_LANGUAGE])
+    if (
+        word and _PYTHON.fullmatch(word[0].lower()) and (glued := _IMPORT.match(opened["info"][word.end() :].strip()))
+    ):  # code in the line of the fence
+        body = f"{glued.string}\n{body}"
     return FencedBlock(word[0].lstrip(".").lower() if word else "", body, opened.start(), end)
 
 

@@ -30,6 +30,7 @@ _TYPES: Final[Mapping[str, type[BaseModel]]] = MappingProxyType(
     }
 )
 """By role; the other roles reply with programs."""
+_FORM = "The whole reply, in place of the fenced block and the plain text that the prompt asks for."
 _KEPT = ("type", "enum", "const", "description")
 
 
@@ -43,7 +44,7 @@ def reply_schema(role: str) -> Mapping[str, Any] | None:
     if role not in _TYPES:
         return None
     schema = _TYPES[role].model_json_schema()
-    return {"title": f"{role}_reply", **_simplify(schema, schema.get("$defs", {}))}
+    return {"title": f"{role}_reply", **_simplify(schema, schema.get("$defs", {})), "description": _FORM}
 
 
 def _simplify(schema: Json, definitions: Mapping[str, Json]) -> Json:

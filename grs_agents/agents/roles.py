@@ -111,9 +111,10 @@ def describe_segments(
         pictures: text that describes ``images``.
     """
     wanted = [int(row["id"]) for row in rows]
+    usable: dict[int, SegmentReply] = {}
 
     def parse_descriptions(text: str) -> dict[int, Description]:
-        described, problems = _read_rows_by_number(text, SegmentReply, wanted)
+        described, problems = _read_rows_by_number(text, SegmentReply, wanted, usable)
         for number in set(wanted) & set(described):
             whole = described[number].part_of
             # no segment has the number 0, and none is a piece of itself
@@ -121,6 +122,7 @@ def describe_segments(
                 described[number] = described[number].model_copy(update={"part_of": None})
             elif whole is not None and whole not in numbers:
                 problems.append(f"segment {number}: part_of is {whole}, which is no segment; else give null")
+                del usable[number]
         if problems:
             raise ReplyError(join_problems(problems))
         return {number: Description.model_validate(described[number].model_dump()) for number in wanted}
@@ -130,22 +132,27 @@ def describe_segments(
     )
 
 
-def _read_rows_by_number(text: str, kind: type[Row], wanted: Sequence[int]) -> tuple[dict[int, Row], list[str]]:
+def _read_rows_by_number(
+    text: str, kind: type[Row], wanted: Sequence[int], usable: dict[int, Row]
+) -> tuple[dict[int, Row], list[str]]:
     """The replies about segments by number, and the problems of those that are unreadable or missing.
 
-    The only reply about the only segment needs no number.
+    The only reply about the only segment needs no number. Replies are added to ``usable``, those of earlier tries,
+    which stand where this try says nothing that can be read.
     """
     rows = read_json_rows(text, kind)
     problems = list_problems(rows)
     replies = [row.parsed for row in rows if row.parsed is not None]
     if len(rows) == len(replies) == len(wanted) == 1:
         replies = [replies[0].model_copy(update={"id": wanted[0]})]
-    by_number = {number: reply for reply in replies if (number := reply.id) is not None}
+    usable |= {number: reply for reply in replies if (number := reply.id) is not None}
+    if usable.keys() >= set(wanted):
+        return dict(usable), []
     faulty = {str(row.number) for row in rows if row.parsed is None}
-    missing = [number for number in wanted if number not in by_number and str(number) not in faulty]
+    missing = [number for number in wanted if number not in usable and str(number) not in faulty]
     if missing and "None" not in faulty:
         problems.append(f"the reply has no object with the id {', '.join(map(str, missing))}")
-    return by_number, problems
+    return dict(usable), problems
 
 
 def match_segments(
@@ -160,9 +167,10 @@ def match_segments(
     """
     wanted = [int(row["id"]) for row in rows]
     names = {str(asset["name"]): str(asset["name"]) for asset in assets}
+    usable: dict[int, SegmentMatch] = {}
 
     def parse_matches(text: str) -> dict[int, Match]:
-        matched, problems = _read_rows_by_number(text, SegmentMatch, wanted)
+        matched, problems = _read_rows_by_number(text, SegmentMatch, wanted, usable)
         matches: dict[int, Match] = {}
         for number in wanted:
             if number not in matched:
@@ -176,6 +184,7 @@ def match_segments(
                 if fields["asset"] is None:
                     near = _suggest_assets(written, names)
                     problems.append(f"segment {number}: asset {written!r} is not in the list of assets{near}")
+                    del usable[number]
             matches[number] = Match.model_validate(fields)
         if problems:
             raise ReplyError(join_problems(problems))

@@ -5,7 +5,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, cast, get_args, get_origin
 
-from pydantic import AliasChoices, BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    AliasChoices,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationInfo,
+    WithJsonSchema,
+    field_validator,
+    model_validator,
+)
+from pydantic.json_schema import SkipJsonSchema
 
 from grs_agents.base import Frozen
 
@@ -113,8 +123,19 @@ def _read_box(value: Any) -> Any:
     return written
 
 
-def _read_null_list(value: Any) -> Any:
-    return () if value is None else value
+def _read_items(value: Any) -> Any:
+    """The items of a list; nothing for null or an empty object, and a single object for itself."""
+    return () if value is None or value == {} else [value] if isinstance(value, dict) else value
+
+
+def _read_null_text(value: Any) -> Any:
+    return "" if value is None else value
+
+
+def _fill_number(table: dict[Any, Any]) -> dict[Any, Any]:
+    """The segment's number under another key than ``id``."""
+    named = [key for key in table if _letters(str(key)) in ("segment", "segmentid", "segmentnumber", "number")]
+    return {**table, "id": table[named[0]]} if "id" not in table and len(named) == 1 else table
 
 
 _Edge = Annotated[float, Field(ge=-(10**6), le=10**6, allow_inf_nan=False)]
@@ -123,25 +144,27 @@ PictureBox = Annotated[tuple[_Edge, _Edge, _Length, _Length], BeforeValidator(_r
 """Left, top, width and height, pixels of the picture that the model saw."""
 
 
+Word = Annotated[str, BeforeValidator(_read_null_text)]
+NO_OBJECT = ["several things", "robot", "background", "nothing"]
+"""Words of a describer in place of ``is_object``."""
+
+
 class Description(ModelReply):
     """The describer's reply about a segmented crop (paper, Scene Comprehension, step 2)."""
 
-    is_object: bool
+    is_object: Annotated[bool, WithJsonSchema({"anyOf": [{"type": "boolean"}, {"type": "string", "enum": NO_OBJECT}]})]
     description: str = Field(min_length=1)
-    color: str
-    shape: str
-    category: str
+    color: Word
+    shape: Word
+    category: Word
     # the segment that shows the rest of the same object
     part_of: Annotated[int | None, BeforeValidator(_read_segment_name)] = None
     # open at the top, so that objects can be put into it; None if unknown
     open_top: Annotated[bool | None, BeforeValidator(_read_unknown_word)] = None
-    shows: Annotated[
-        str,
-        BeforeValidator(_shorten),
-        Field(description="`several` for a segment of several objects, a name for what shows no object, else empty"),
-    ] = ""
+    # `several` for a segment of several objects, a name for scenery, else empty: read from the words of `is_object`
+    shows: SkipJsonSchema[Annotated[str, BeforeValidator(_shorten)]] = ""
     # of the several objects, in the photo that the describer saw
-    boxes: Annotated[tuple[PictureBox, ...], BeforeValidator(_read_null_list), Field(max_length=30)] = ()
+    boxes: Annotated[tuple[PictureBox, ...], BeforeValidator(_read_items), Field(max_length=30)] = ()
 
 
 _SEVERAL = re.compile(r"(several|multiple|many|more than one|two|three)\b", re.IGNORECASE)
@@ -165,6 +188,7 @@ class SegmentReply(Description):
     @classmethod
     def fill_missing_words(cls, table: dict[Any, Any]) -> dict[Any, Any]:
         """Read words in place of ``is_object``, and fill in missing fields of a segment that is no object."""
+        table = _fill_number(table)
         word = table.get("is_object")
         words = word.strip() if isinstance(word, str) else ""
         if _SEVERAL.match(words):
@@ -247,9 +271,9 @@ class Grouping(ModelReply):
         tuple[Annotated[tuple[SegmentName, ...], BeforeValidator(_read_group), Field(max_length=_MOST)], ...],
         BeforeValidator(_read_groups),
     ] = Field(max_length=_MOST)
-    split: tuple[SegmentSplit, ...] = Field(max_length=_MOST)
-    drop: tuple[SegmentDrop, ...] = Field(max_length=_MOST)
-    missing: tuple[MissingObject, ...] = Field(max_length=_MOST)
+    split: Annotated[tuple[SegmentSplit, ...], BeforeValidator(_read_items)] = Field(max_length=_MOST)
+    drop: Annotated[tuple[SegmentDrop, ...], BeforeValidator(_read_items)] = Field(max_length=_MOST)
+    missing: Annotated[tuple[MissingObject, ...], BeforeValidator(_read_items)] = Field(max_length=_MOST)
 
     @classmethod
     def fill_missing_words(cls, table: dict[Any, Any]) -> dict[Any, Any]:
@@ -262,10 +286,6 @@ class Grouping(ModelReply):
         split = [item.model_copy(update={"boxes": tuple(map(convert, item.boxes))}) for item in self.split]
         missing = [item.model_copy(update={"box": convert(item.box)}) for item in self.missing]
         return self.model_copy(update={"split": tuple(split), "missing": tuple(missing)})
-
-
-def _read_reason(value: Any) -> Any:
-    return "" if value is None else value
 
 
 def _read_share(value: Any) -> Any:
@@ -287,7 +307,7 @@ class Match(ModelReply):
     match: Literal["asset", "no_asset", "no_object"]
     asset: Annotated[str | None, BeforeValidator(_read_null_word)] = None
     confidence: Annotated[float | None, BeforeValidator(_read_share)] = None  # probability of the reply, 0..1
-    reason: Annotated[str, BeforeValidator(_read_reason)] = ""
+    reason: Word = ""
 
 
 class SegmentMatch(Match):
@@ -295,11 +315,28 @@ class SegmentMatch(Match):
 
     id: Annotated[int | None, BeforeValidator(_read_segment_name)] = None
 
+    @classmethod
+    def fill_missing_words(cls, table: dict[Any, Any]) -> dict[Any, Any]:
+        """A reply that names an asset without a verdict means the asset."""
+        named = isinstance(table.get("asset"), str) and _read_null_word(table["asset"]) is not None
+        return {"match": "asset", **_fill_number(table)} if named else _fill_number(table)
+
 
 class SegmentMatches(ModelReply):
     """A reply about several segments under a single key, as a JSON schema needs it."""
 
     segments: tuple[SegmentMatch, ...]
+
+
+def _read_asset_names(value: Any) -> Any:
+    """The names in a list of objects, or in a text with commas."""
+    if isinstance(value, str):
+        return [name for part in value.split(",") if (name := part.strip())]
+    if not isinstance(value, list):
+        return value
+    items = cast("list[Any]", value)
+    tables = [cast("dict[Any, Any]", item) if isinstance(item, dict) else {} for item in items]
+    return [table.get("asset", table.get("name", item)) for item, table in zip(items, tables, strict=True)]
 
 
 class TaskDefinition(ModelReply):
@@ -309,7 +346,7 @@ class TaskDefinition(ModelReply):
 
     name: str = Field(alias="task-name", min_length=1, max_length=100)
     description: str = Field(alias="task-description", min_length=1)
-    assets: tuple[str, ...] = Field(alias="assets-used", min_length=1)
+    assets: Annotated[tuple[str, ...], BeforeValidator(_read_asset_names)] = Field(alias="assets-used", min_length=1)
 
     @field_validator("name")
     @classmethod
@@ -355,16 +392,32 @@ def _read_verdict(value: Any) -> Any:
 class RouterReply(ModelReply):
     """The router's explanation and verdict, in the order in which a model decides."""
 
-    explanation: str
+    explanation: Word = ""
     verdict: Annotated[Verdict, BeforeValidator(_read_verdict)]
 
 
-class WordsJudgement(ModelReply):
-    """The judge's verdict on the agreement of a task's words with its goals."""
+_JUDGEMENTS: Mapping[str, str] = {
+    **dict.fromkeys(("agree", "agreed", "agreement"), "agrees"),
+    **dict.fromkeys(("differ", "different", "disagree", "disagrees"), "differs"),
+    **dict.fromkeys(("unsure", "ambiguous", "notjudged"), "unclear"),
+}
 
-    # ``unclear``: the judge does not understand the words, or they are ambiguous
-    verdict: Literal["agrees", "differs", "unclear"]
+
+def _read_judgement(value: Any) -> Any:
+    return _JUDGEMENTS.get(_letters(value), value) if isinstance(value, str) else value
+
+
+class WordsJudgement(ModelReply):
+    """The judge's reason and verdict on the agreement of a task's words with its goals, in the order of decision."""
+
     reason: str = Field(min_length=1)
+    # ``unclear``: the judge does not understand the words, or they are ambiguous
+    verdict: Annotated[Literal["agrees", "differs", "unclear"], BeforeValidator(_read_judgement)]
+
+    @classmethod
+    def fill_missing_words(cls, table: dict[Any, Any]) -> dict[Any, Any]:
+        """Read a reason under the name that the router's reply has for it."""
+        return {"reason": table["explanation"], **table} if "explanation" in table else table
 
 
 class NoReply(Frozen):

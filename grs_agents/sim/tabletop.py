@@ -44,6 +44,7 @@ from grs_agents.sim.world.physics import Physics
 CATEGORIES = ("fixed", "rigid", "deformable")
 _SHIFT, _DROP = 0.01, 0.03
 """Settling that moves an object farther sideways, or lets it drop farther, is reported, metres."""
+_POSE_FORMS = "give ((x, y, z), (qx, qy, qz, qw)) or, without a turn, (x, y, z)"
 _OVERLAP = 0.002
 """Depth from which on two objects count as placed inside each other, metres."""
 _COMPILED_WORLDS = 8
@@ -518,12 +519,12 @@ def parse_pose(value: Any, what: str) -> Pose:
         turn = value[1] if len(value) > 1 and value[1] is not None else transforms.IDENTITY
         rotation = np.asarray(turn, dtype=np.float64)
     except (TypeError, ValueError, LookupError, OverflowError) as error:
-        raise SimulationError(f"{what}: {value!r} is not a pose", "give ((x, y, z), (qx, qy, qz, qw))") from error
+        raise SimulationError(f"{what}: {value!r} is not a pose", _POSE_FORMS) from error
     if position.shape == rotation.shape == (3,):
         raise SimulationError(
             f"{what}: {value!r} has three numbers as its rotation",
             "give a quaternion (qx, qy, qz, qw); utils.eulerXYZ_to_quatXYZW makes one of three angles",
         )
     if position.shape != (3,) or rotation.shape != (4,) or not np.isfinite([*position, *rotation]).all():
-        raise SimulationError(f"{what}: {value!r} is not a pose", "give ((x, y, z), (qx, qy, qz, qw)), all finite")
+        raise SimulationError(f"{what}: {value!r} is not a pose", f"{_POSE_FORMS}, all finite")
     return (transforms.to_vec3(position), transforms.to_unit_quaternion(rotation))

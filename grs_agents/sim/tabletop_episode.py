@@ -24,7 +24,7 @@ from grs_agents.sim.instance.episode import (
     set_last_recorder,
 )
 from grs_agents.sim.instance.goal import Goal
-from grs_agents.sim.instance.task_instance import POSITION_TOLERANCE, ROTATION_TOLERANCE, TaskInstance
+from grs_agents.sim.instance.task_instance import MOST_STEPS, POSITION_TOLERANCE, ROTATION_TOLERANCE, TaskInstance
 from grs_agents.sim.rendering.cameras import VisibleScene
 from grs_agents.sim.tabletop import TabletopSim, parse_pose
 from grs_agents.sim.world.budget import DEFAULT_BUDGET
@@ -340,4 +340,4 @@ def parse_max_steps(value: Any) -> int:
     try:
         return int(value)
     except (TypeError, ValueError, OverflowError) as error:
-        raise SimulationError(f"max_steps is {value!r}"[:150], "give a whole number of actions") from error
+        raise SimulationError(f"max_steps is {value!r}"[:150], f"give a whole number of 1 to {MOST_STEPS}") from error

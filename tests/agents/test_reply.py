@@ -185,6 +185,28 @@ def test_of_several_blocks_the_one_with_test_cases_is_the_test_script() -> None:
     assert (extract_test_program(text), extract_python_program(text)) == (tests, PROGRAM)
 
 
+BARE = "class Wanted(Task):\n    pass\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"Sure, here it is.\n\n{PROGRAM}\nI hope that it helps.",
+        json.dumps({"code": PROGRAM}),
+        f"```python import math\n\n\n{BARE}```",
+        f"The imports:\n```python\nimport math\n```\nThe class:\n```python\n{BARE}```",
+        f"```\n{PROGRAM}```\nRun it:\n```bash\npython -m unittest\n```",
+    ],
+    ids=["no fence", "JSON", "code beside the fence", "imports apart", "no language"],
+)
+def test_a_program_in_a_sloppy_form_is_read_whole(text: str) -> None:
+    assert extract_python_program(text) == PROGRAM
+
+
+def test_an_import_in_another_block_is_not_put_before_a_program_with_imports() -> None:
+    assert extract_python_program(f"```python\nimport os\n```\nBetter:\n```python\n{PROGRAM}```") == PROGRAM
+
+
 def test_of_several_objects_the_last_of_the_type_that_is_asked_for_counts() -> None:
     text = f'{DRAFT}\nBetter:\n```json\n{ANSWER}\n```\nfor example\n```json\n{{"seen": ["MILK"]}}\n```'
     assert match(text) == "answer"
@@ -374,13 +396,24 @@ def test_what_the_parser_cannot_hold_is_no_bare_program(deep: str) -> None:
         ("Code.\n```fix_code```", "fix_code"),
         ("Code.\n```\nFIX_CODE", "fix_code"),
         ("fix_code", "fix_code"),
+        ("Code.\n```\nVerdict: fix_code (the tests are right)\n```", "fix_code"),
+        ("They ask for too much, so my final answer is `fix_test`.", "fix_test"),
     ],
 )
 def test_verdicts(text: str, verdict: str) -> None:
     assert parse_verdict(text).verdict == verdict
 
 
-@pytest.mark.parametrize("text", ["fix_code or fix_test", "```\nmaybe\n```", "```\nfix_code or fix_test\n```", ""])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "fix_code or fix_test",
+        "My answer is not fix_code or fix_test.",
+        "```\nmaybe\n```",
+        "```\nfix_code or fix_test\n```",
+        "",
+    ],
+)
 def test_no_verdict(text: str) -> None:
     with pytest.raises(ReplyError, match="fix_code or fix_test"):
         parse_verdict(text)

@@ -129,6 +129,61 @@ def test_the_matcher_is_told_all_that_is_wrong_at_once(tmp_path: Path) -> None:
         assert text in outcome.problem
 
 
+def test_a_second_reply_joins_the_first(tmp_path: Path) -> None:
+    said = {"is_object": True, "color": "red", "shape": "box", "category": "box"}
+    first = [{"id": 1, **said, "description": "first"}, {"id": 2, **said, "description": None}]
+    second = [{"id": 2, **said, "description": "second"}]
+    replies = ["\n".join(map(json.dumps, rows)) for rows in (first, second)]
+    agents = scripted(tmp_path, replies, Config(reply_retries=1))
+    described = roles.describe_segments(agents, [{"id": 1}, {"id": 2}], [1, 2], "", [])
+    assert not isinstance(described, NoReply)
+    assert {number: item.description for number, item in described.items()} == {1: "first", 2: "second"}
+    matches = [{"id": 1, "match": "no_asset"}, {"id": 2, "match": "asset", "asset": "Mylk"}]
+    mended = {"id": 2, "match": "asset", "asset": "milk"}
+    agents = scripted(tmp_path, ["\n".join(map(json.dumps, matches)), json.dumps(mended)], Config(reply_retries=1))
+    matched = roles.match_segments(agents, [{"id": 1}, {"id": 2}], ASSETS, "", [])
+    assert not isinstance(matched, NoReply)
+    assert [matched[number].asset for number in (1, 2)] == [None, "HOPE/Milk.urdf"]
+
+
+def _ask_weak_model(role: str, agents: Agents) -> object:
+    rows = [{"id": number, "box": [10, 10, 50, 50]} for number in (1, 2)]
+    asked: dict[str, Callable[[], object]] = {
+        "describe": lambda: roles.describe_segments(agents, rows, [1, 2], "", []),
+        "match": lambda: roles.match_segments(agents, rows[:1], ASSETS, "", []),
+        "group": lambda: roles.group_segments(agents, rows, (640, 480), "", []),
+        "task": lambda: roles.author_task(agents, {"objects": []}, ASSETS, []),
+        "judge": lambda: roles.judge_words(agents, EVIDENCE),
+        "route": lambda: roles.decide_what_to_fix(agents, JUDGED, ("fix_code", "fix_test")),
+    }
+    return asked[role]()
+
+
+CAN = '"description": "A can", "color": null, "shape": "cylinder", "category": "can"'
+
+
+@pytest.mark.parametrize(
+    ("role", "reply"),
+    [
+        ("describe", f'```\n{{"1": {{"isObject": "yes", {CAN}}}, "2": {{"is_object": false}}}}\n```'),
+        ("describe", f'{{"segment_id": 1, "is_object": true, {CAN}}}\n{{"segmentId": "2", "is_object": "robot"}}'),
+        ("describe", f"[{{'id': 1, 'isObject': True, {CAN},}}, // a can\n{{'id': 2, 'isObject': False}},]\nDone!"),
+        ("match", '```json\n{"id": 1, "asset": "HOPE/Milk.urdf", "confidence": "95%"}\n```'),
+        ("match", '{"segment": 1, "match": "no asset", "asset": "None", "confidence": "high"}'),
+        ("group", "{'merge': [1, 2], 'split': {}, 'drop': {'segment': 1, 'what': 'robot'}, 'missing': None}"),
+        ("task", '{"name": "t", "description": "d", "assets": [{"name": "HOPE/Milk.urdf"}, {"asset": "a/cup.urdf"}]}'),
+        ("task", 'Here:\n{"taskName": "t", "taskDescription": "d", "assetsUsed": "milk, HOPE/Tomato_Sauce.urdf",}'),
+        ("judge", '```json\n{"explanation": "The can stays.", "verdict": "Disagrees"}\n```'),
+        ("judge", "They agree.\n{'verdict': 'agree', 'reason': 'all of it',}"),
+        ("route", '```json\n{"verdict": "fix_test"}\n```'),
+        ("route", '{"verdict": "FIX-CODE"}'),
+    ],
+)
+def test_what_a_weak_model_says_is_not_refused_for_its_form(tmp_path: Path, role: str, reply: str) -> None:
+    outcome = _ask_weak_model(role, scripted(tmp_path, [reply], Config(reply_retries=0)))
+    assert not isinstance(outcome, NoReply), outcome
+
+
 def test_a_task_may_name_assets_as_the_photo_shows_them(tmp_path: Path) -> None:
     objects = [{"asset": "proxy/red.urdf", "name": f"red_cube_{number}"} for number in (1, 2)]
     said = {"task-name": "t", "task-description": "d", "assets-used": ["red_cube_1", "Red cube 2", "milk"]}

@@ -9,9 +9,11 @@ import pytest
 
 from grs_agents.agents import roles
 from grs_agents.agents.agent import Agents
+from grs_agents.agents.prompt_template import read_prompt_template
 from grs_agents.agents.reply_schema import reply_schema
 from grs_agents.agents.roles import JudgedPrograms
 from grs_agents.agents.types import Description, Grouping, Match, NoReply, RouterReply, TaskDefinition, WordsJudgement
+from grs_agents.base import content
 from grs_agents.base.config.load import validate_config
 from grs_agents.base.config.schema import Config
 from grs_agents.base.errors import GrsError
@@ -29,7 +31,7 @@ SEGMENT: Json = {
     "shape": "cylinder",
     "category": "can",
     "open_top": False,
-    "shows": "",
+    "boxes": [],
 }
 REPLIES: dict[str, Json] = {
     "describe": {"segments": [{**SEGMENT, "id": 3}]},
@@ -199,6 +201,28 @@ def test_a_structured_reply_is_used_again_by_a_resumed_run(tmp_path: Path) -> No
         assert ASK["route"](resumed) == MEANT["route"]
     assert len(server.bodies) == 1
     assert sum(isinstance(event, Prompt) for event in read_events(agents.log.path)) == 1
+
+
+@pytest.mark.parametrize("role", REPLIES)
+def test_a_prompt_and_its_schema_name_the_same_fields_and_choices(role: str) -> None:
+    schema = dict(reply_schema(role) or {})
+    system = read_prompt_template(content.content_path("prompts", role)).system
+    rows = schema["properties"].get("segments", {"items": schema})["items"]
+    choices = [
+        rows["properties"],
+        *(field["items"].get("properties", {}) for field in rows["properties"].values() if "items" in field),
+    ]
+    names = {name for table in choices for name in table} - ({"explanation", "verdict"} if role == "route" else set())
+    assert [name for name in names if name not in system] == []
+    words = [
+        word
+        for field in rows["properties"].values()
+        for kind in (field, *field.get("anyOf", ()))
+        for word in kind.get("enum", ())
+    ]
+    assert [word for word in words if f"`{word}`" not in system and f'"{word}"' not in system] == []
+    block = system.rpartition("```json")[2].partition("```")[0] if role != "route" else ""
+    assert set(json.loads(block or "{}")) <= set(rows["properties"])
 
 
 def test_programs_are_asked_for_in_text() -> None:

@@ -25,6 +25,8 @@ from grs_agents.graph.policies.types import EarlierDecision, RoutingContext, Rou
 from grs_agents.sandbox.protocol.report import TestCase, TestReport
 from grs_agents.sim import ActionRecord, Episode, Outcome
 from grs_agents.sim.instance.episode import ObjectMotion
+from grs_agents.sim.rollouts import Rollout
+from grs_agents.sim.world.bystanders import FIRST_BYSTANDER
 from tests.scripted import scripted
 
 TASK = TaskDefinition.model_validate({"task-name": "t", "task-description": "d", "assets-used": ["a"]})
@@ -367,6 +369,132 @@ def test_unclear_words_are_the_tasks(measured: str, verdicts: tuple[Any, ...], v
     given = context("passed", [case("passed", None)], audit_failed=True)
     decision = load_policy("rules").decide(replace(given, audit=audit, verdicts=verdicts))
     assert decision.verdict == verdict
+
+
+def failed_audit(*checks: str, rollouts: tuple[Rollout, ...] = ()) -> AuditReport:
+    findings = tuple(AuditFinding(check=name, passed=False, measured="1", bound="2") for name in checks)
+    return AuditReport(accepted=False, findings=findings, changes=(), rollouts=rollouts, rewards=())
+
+
+@pytest.mark.parametrize(("checks", "verdict"), [(("moved",), "fix_task"), (("moved", "moves_far"), "fix_code")])
+def test_a_right_program_of_words_that_move_too_little_leaves_the_task_at_fault(
+    checks: tuple[str, ...], verdict: str
+) -> None:
+    given = context("passed", [case("passed", None)], audit_failed=True)
+    given = replace(given, audit=failed_audit(*checks), verdicts=("fix_code", "fix_test", "fix_task"))
+    assert load_policy("rules").decide(given).verdict == verdict
+
+
+@pytest.mark.parametrize(
+    ("neighbour", "verdict"),
+    [((0.62, -0.30, 0.02), "fix_task"), ((0.45, 0.30, 0.02), "fix_code")],
+    ids=["beside the pick in the photo", "beside a target of the program"],
+)
+def test_a_neighbour_that_the_arm_knocks_where_the_photo_shows_the_object_is_the_tasks(
+    neighbour: Vec3, verdict: str
+) -> None:
+    knocked = ObjectMotion(
+        object=FIRST_BYSTANDER, asset="HOPE/Milk.urdf", start=neighbour, end=(0.7, 0.1, 0), tilt=0, moved=True
+    )
+    action = LOST.model_copy(update={"note": "placed", "place": (0.45, 0.24, 0.03)})
+    played = Episode.model_validate(episode("success", motions=(*motions({}), knocked), actions=(action,)))
+    rollout = Rollout(seed=3, episode=played, idle_reward=0, moved=(), initial={}, final={}, reachable=())
+    given = context("passed", [case("passed", None)], audit_failed=True)
+    given = replace(given, audit=failed_audit("undisturbed", rollouts=(rollout,)), task=STACK, scene=SCENE)
+    decision = load_policy("rules").decide(replace(given, verdicts=("fix_code", "fix_test", "fix_task")))
+    assert decision.verdict == verdict
+    assert verdict == "fix_code" or ("seed 3" in decision.explanation and "HOPE/Milk.urdf" in decision.explanation)
+
+
+SWAPPED_TOWER = {"HOPE/Tuna.urdf": 0.017, "block/red_block.urdf": 0.053, "block/blue_block.urdf": 0.093}
+
+
+@pytest.mark.parametrize(
+    ("description", "ends", "verdict"),
+    [
+        (
+            "Build a tower with the tuna as its base, the blue cube in the middle and the red cube at the very top.",
+            dict.fromkeys(SWAPPED_TOWER, (0.62, -0.24)),
+            "fix_code",
+        ),
+        (
+            "Build a tower with the tuna as its base, the red cube in the middle and the blue cube at the very top.",
+            dict.fromkeys(SWAPPED_TOWER, (0.62, -0.24)),
+            "fix_test",
+        ),
+        ("Clear the left side by placing both cubes on the tuna.", {"block/red_block.urdf": (0.3, 0.3)}, "fix_code"),
+        (
+            "Set the red cube apart from the others by moving it onto the tuna.",
+            {"block/red_block.urdf": (0.3, 0.3)},
+            "fix_code",
+        ),
+        ("Tidy up, so that the red cube is on the tuna.", {"block/red_block.urdf": (0.3, 0.3)}, "fix_code"),
+        ("Put everything except the red cube on the tuna.", {"block/blue_block.urdf": (0.3, 0.3)}, "fix_code"),
+        ("Put everything except the red cube on the tuna.", {"block/red_block.urdf": (0.3, 0.3)}, "fix_test"),
+        ("Put all cubes except the red cube on the tuna.", {"block/red_block.urdf": (0.3, 0.3)}, "fix_test"),
+    ],
+)
+def test_natural_words_tell_a_wrong_program_from_a_wrong_expectation(
+    description: str, ends: dict[str, tuple[float, float]], verdict: str
+) -> None:
+    task = STACK.model_copy(update={"description": description, "assets": tuple(SWAPPED_TOWER)})
+    moved = tuple(
+        ObjectMotion(
+            object=number,
+            asset=name,
+            start=STARTS[name],
+            end=(*ends.get(name, (0.62, -0.24)), height),
+            tilt=0,
+            moved="block" in name,
+            extent=(0.07, 0.07),
+        )
+        for number, (name, height) in enumerate(SWAPPED_TOWER.items(), 1)
+    )
+    given = context("failed", [case("failed", "tests", episode("success", motions=moved))])
+    scene = json.loads(SCENE)
+    scene["objects"] = [item for item in scene["objects"] if item["asset"] in SWAPPED_TOWER]
+    decision = load_policy("rules").decide(replace(given, task=task, scene=json.dumps(scene)))
+    assert (decision.verdict, decision.sure) == (verdict, False), decision.explanation
+
+
+@pytest.mark.parametrize(
+    ("description", "ends", "verdict"),
+    [
+        (
+            "Put the red cube to the left of the tuna and the blue cube in front of it.",
+            ((0.62, 0), (0.5, -0.2)),
+            "fix_test",
+        ),
+        (
+            "Put the red cube to the right of the tuna and the blue cube in front of it.",
+            ((0.62, 0), (0.5, -0.2)),
+            "fix_code",
+        ),
+        ("Put the red cube to the left of the tuna and the blue cube behind it.", ((0.62, 0), (0.5, -0.2)), "fix_code"),
+        ("In the photo, put the red cube to the right of the tuna.", ((0.62, 0), (0.5, -0.2)), "fix_test"),
+        ("Stand all in a row, the tallest on the left.", ((0.6, -0.3), (0.6, -0.4)), "fix_code"),
+        ("Stand all in a row, the tallest on the right.", ((0.6, -0.3), (0.6, -0.4)), "fix_test"),
+        ("Arrange an evenly spaced row, the tallest on the right.", ((0.6, -0.3), (0.6, -0.45)), "fix_code"),
+    ],
+)
+def test_sides_and_rows_are_as_the_robot_sees_them(
+    description: str, ends: tuple[tuple[float, float], tuple[float, float]], verdict: str
+) -> None:
+    task = STACK.model_copy(update={"description": description, "assets": tuple(SWAPPED_TOWER)})
+    places = {
+        "HOPE/Tuna.urdf": (0.62, -0.24),
+        **dict(zip(("block/red_block.urdf", "block/blue_block.urdf"), ends, strict=True)),
+    }
+    moved = tuple(
+        ObjectMotion(object=number, asset=name, start=STARTS[name], end=(*place, 0.02), tilt=0, moved="block" in name)
+        for number, (name, place) in enumerate(places.items(), 1)
+    )
+    sizes = {"HOPE/Tuna.urdf": 0.033, "block/red_block.urdf": 0.04, "block/blue_block.urdf": 0.05}
+    items = [item for item in json.loads(SCENE)["objects"] if item["asset"] in sizes]
+    scene = json.dumps({"objects": [{**item, "size": [0.07, 0.07, sizes[item["asset"]]]} for item in items]})
+    given = context("failed", [case("failed", "tests", episode("success", motions=moved))])
+    decision = load_policy("rules").decide(replace(given, task=task, scene=scene))
+    assert (decision.verdict, decision.sure) == (verdict, False), decision.explanation
 
 
 CALLS_RESET = """Traceback (most recent call last):

@@ -21,6 +21,7 @@ from grs_agents.graph.policies.types import (
 )
 from grs_agents.sandbox.protocol.report import TestCase
 from grs_agents.sim.instance.episode import Episode, ObjectMotion
+from grs_agents.sim.world.bystanders import FIRST_BYSTANDER
 
 _BROKEN_SOURCE = (
     *("syntax", "import", "unknown_name", "unknown_asset", "wrong_arguments", "endless_loop"),
@@ -48,6 +49,8 @@ _SAME_PLACE = 0.02
 """Greatest distance (m) of the start of an object from its place in the photo."""
 _SAME_HEIGHT = 0.01
 """Greatest difference (m) of that height: an object that lies where it should stand differs by more."""
+_SAME_SPOT = 0.05
+"""Greatest distance (m) between a pick or place and the middle of an object of the photo that it is made at."""
 _TURNED = 0.02
 """Least difference (m) by which the extents fit the photo better if x and y change places."""
 _INFEASIBLE = ("target_too_small", "unreachable", "no_free_space", "no_seal", "would_tip", "no_grip")
@@ -134,6 +137,18 @@ class _Evidence:
             why = why if any(item.get("reachable") is False or "cannot_be_picked" in item for item in shown) else ""
         return "" if self.leaves_photo(asset, episode) else why
 
+    def explain_disturbance(self, episode: Episode) -> str:
+        """The bystanders that the arm knocks at places that the photo gives, not the program; empty without one."""
+        knocked = [motion for motion in episode.motions if motion.moved and motion.object >= FIRST_BYSTANDER]
+        spots = [(action, at) for action in episode.actions for at in (action.pick, action.place)]
+        causes: list[str] = []
+        for motion in knocked if spots and episode.outcome == "success" else ():
+            action, at = min(spots, key=lambda spot: math.dist(spot[1][:2], motion.start[:2]))
+            if all(math.dist(at[:2], item["position"][:2]) > _SAME_SPOT for item in self.in_photo):
+                return ""  # a target of the program's choice
+            causes.append(f"the arm moves {motion.asset} as it handles {action.asset} at ({at[0]:.2f}, {at[1]:.2f})")
+        return "; ".join(causes)
+
     def leaves_photo(self, asset: str, episode: Episode) -> bool:
         """Whether an object of an asset of the photo begins elsewhere or in another pose than the photo shows."""
         shown = [item for item in self.in_photo if item["asset"] == asset]
@@ -178,6 +193,11 @@ def _decide_by_audit(evidence: _Evidence) -> RoutingDecision | None:
     for rollout in audit.rollouts if audit else ():
         if rollout.episode.outcome != "success" and (why := evidence.explain_arm_failure(rollout.episode)):
             return _blame_task(evidence, f"in seed {rollout.seed} the arm cannot do what the task asks for: {why}")
+        if near := evidence.explain_disturbance(rollout.episode):
+            return _blame_task(evidence, f"in seed {rollout.seed} {near}")
+    against = [finding for finding in failures if not finding.check.startswith("tests_")]
+    if [finding.check for finding in against] == ["moved"]:  # the program does all that the words ask for
+        return _blame_task(evidence, f"the task asks for too little: {against[0].detail}")
     return _blame_program("the tests pass but the audit of the task instances fails")
 
 

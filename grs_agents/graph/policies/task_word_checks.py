@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, cast
 
 from grs_agents.agents.types import TaskDefinition
 from grs_agents.sim.instance.episode import ActionRecord, ObjectMotion
@@ -18,9 +18,24 @@ from grs_agents.sim.world.colors import COLORS
 
 _CLAUSE_ENDS = re.compile(r"[.;!?]|\bthen\b")
 _PHRASE_ENDS = re.compile(r"[,:]|\b(?:and|so|where|with|from|while|which|that|next|beside|in this order)\b")
-_PREPOSITIONS = re.compile(r"\b(?:(?P<on>on top of|onto|upon|on)|(?P<inside>into|inside|in))\b")
+_PREPOSITIONS = re.compile(
+    r"\b(?:(?:to|on|at) the (?:(?P<left>left)|(?P<right>right))(?:-hand)?(?: side)? of"
+    r"|(?P<front>in front of)|(?P<behind>behind)|(?P<on>on top of|onto|upon|on)|(?P<inside>into|inside|in))\b"
+)
+_SIDES: Mapping[str, tuple[int, int]] = {"left": (1, 1), "right": (1, -1), "behind": (0, 1), "front": (0, -1)}
+"""Axis and direction of the sides, as the robot sees them."""
+_OTHER_VIEW = re.compile(r"\b(?:photo|picture|image|camera|viewer|your|you|mirrored)\b")
+_ROW = re.compile(
+    r"\b(?P<first>shortest|lowest|tallest|highest)(?: one)?,? (?:on|at) the (?P<side>left|right)\b(?! \w+ of\b)"
+)
+_ROWS = re.compile(r"\b(?:row|line|lined? up|side by side)\b")
+_EVENLY = re.compile(r"\b(?:evenly|equally) spaced\b")
+_UNEVEN = 0.04
+"""Least difference (m) of the distances of centres in an uneven row: even gaps differ less where sizes do."""
 _LISTING = re.compile(r"[,:&]|\band\b")
 _EXEMPTING = re.compile(r"\b(?:leave|leaving|keep|keeping|without|not|never|untouched|except)\b")
+_EXCEPT = re.compile(r"\b(?:except|other than)\b[\w, ]*?(?=\b(?:in|into|inside|on|onto)\b|[.;!?]|$)")
+_ALL = re.compile(r"\b(?:all|every|everything|each)\b")
 _BOTTOM_UP = re.compile(r"\b(?:in this order )?from (?:the )?bottom to (?:the )?top\b")
 _IN_TIME = re.compile(r"\b(?:then|first|finally|last(?:ly)?)\b")
 _HEIGHT = r"(?:the )?(?:shortest|lowest|tallest|highest)\b"
@@ -30,8 +45,23 @@ _ELSEWHERE = re.compile(
     r"\b(?:front|back|left|right|side|edge|corner|end|half|middle|cent(?:er|re)|between|near|behind|above|below|under)\b"
 )
 """Words of a place that is at an object, not in or on it."""
-_DESCRIBING = re.compile(r"\b(?:that|which|is|are|stands?|standing|lies|lying|from|off)\b")
+_DESCRIBING = re.compile(
+    r"\b(?:that|which|is|are|stands?|standing|lies|lying|from|off|behind|beside|near|next to|front)\b"
+)
 """Words of a phrase that tells an object's place at the start."""
+_APART = re.compile(r"\b(?:apart|away) from (?:all |all of )?(?:the |its )?(?:others?|rest)\b[\w ]*?(?=\bby\b|$)")
+"""Words that set an object apart by the place that follows."""
+_MEANS = re.compile(r"^.*\bby \w+ing\b(?! (?:it|them|both|all|each|everything)\b(?! of))")
+"""An aim, before the action that reaches it: ``clear the left side by moving``."""
+_OUTCOME = re.compile(r"\b(?:so|such) that\b([^.;!?]*)")
+_ENDING = re.compile(r"\b(?:are|is|ends?(?: up)?|lies?|sits?|stands?|rests?)\b")
+"""Verbs of an object's place at the end, in a clause of the outcome."""
+_AFTERWARDS = re.compile(r"\b(?:once|when|after) (?:that|this|it) (?:is|has been) done\b")
+_LEVEL = re.compile(
+    r"\b(?:as|at|in|on|for|forming) (?:the |its )?(?:very )?(?P<level>base|bottom|middle|cent(?:er|re)|top)\b(?! of\b)"
+)
+_LEVELS: Mapping[str, int] = {"base": 0, "bottom": 0, "middle": 1, "center": 1, "centre": 1, "top": 2}
+_TOWER = re.compile(r"\b(?:tower|stack|pile)\b")
 _OWN_COLOR = re.compile(r"\b(?:its|their|the same|matching)(?: own)? colou?r\b|\bof that colou?r\b")
 _SORTED = re.compile(r"\bline up\b|\bsort\b[\w ]*\bby (?:colou?r|kind|category|type)\s*:|\bon a \w+ of its own\s*:")
 """Announcements of the relations that follow."""
@@ -63,7 +93,7 @@ class WordedRelation:
     """A relation that the words ask for."""
 
     movers: tuple[str, ...]  # asset names, in the order of the words
-    kind: Literal["on", "inside"]
+    kind: Literal["on", "inside", "left", "right", "front", "behind"]
     place: str  # asset name
     bottom_up: bool = False  # whether the movers are stacked in the order of the words
     color: str = ""  # of the place, if the words give it beside the name
@@ -85,10 +115,13 @@ class WordedTask:
     heights: Mapping[str, float]  # of assets of the photo, metres
     unread: tuple[str, ...] = ()  # words that may ask for more, and assets that no relation names
     in_time: bool = False  # whether the relations are to be made one after the other
+    row: tuple[str, ...] = ()  # assets that stand in a row, from the lowest to the tallest
+    row_begins: Literal["left", "right", ""] = ""  # side of the lowest
+    evenly: bool = False  # whether they are evenly spaced
 
     def find_violations(self, motions: Sequence[ObjectMotion]) -> list[str]:
         """A clause for each relation that the words ask for and that does not hold."""
-        unmet: list[str] = []
+        unmet = self._find_row_violations(motions)
         for relation in self.relations:
             instances = [_select_motions_of_asset(name, motions) for name in relation.movers]
             movers = [same[0] for same in instances if len(same) == 1]
@@ -101,6 +134,10 @@ class WordedTask:
                 belongs = f"{mover.asset} belongs {relation.kind} {place_name}, it ended"
                 if not mover.moved:
                     unmet.append(f"the words move {mover.asset}, which stayed where it was")
+                elif relation.kind in _SIDES:
+                    axis, sign = _SIDES[relation.kind]
+                    if all(sign * (mover.end[axis] - place.end[axis]) < -_MARGIN for place in places):
+                        unmet.append(f"{belongs} on its other side")
                 elif not any(self._is_within(mover, place) for place in places):
                     unmet.append(f"{belongs} {away:.2f} m from its middle")
                 elif relation.kind == "on" and all(mover.end[2] < place.end[2] for place in places):
@@ -122,6 +159,20 @@ class WordedTask:
                 place = min(places, key=lambda place: _measure_distance(mover, place)).object
                 if taken.setdefault(place, number) != number:
                     unmet.append(f"{mover.asset} ended with objects that the words put elsewhere")
+        return unmet
+
+    def _find_row_violations(self, motions: Sequence[ObjectMotion]) -> list[str]:
+        instances = [_select_motions_of_asset(name, motions) for name in self.row]
+        if len(instances) < 2 or any(len(same) != 1 for same in instances):
+            return []
+        ends = [same[0].end for same in instances]
+        steps = [math.dist(first[:2], second[:2]) for first, second in pairwise(ends)]
+        names, sign = ", ".join(self.row), 1 if self.row_begins == "left" else -1
+        unmet: list[str] = []
+        if self.row_begins and any(sign * (first[1] - second[1]) <= 0 for first, second in pairwise(ends)):
+            unmet.append(f"{names} do not stand from the lowest at the {self.row_begins} to the tallest")
+        if self.evenly and max(steps) - min(steps) > _UNEVEN:
+            unmet.append(f"{names} are {', '.join(f'{100 * step:.0f}' for step in steps)} cm apart, not evenly spaced")
         return unmet
 
     def settles(self, motions: Sequence[ObjectMotion]) -> bool:
@@ -190,10 +241,15 @@ def read_task_words(task: TaskDefinition, scene: str) -> WordedTask:
     }
     heights = {str(item["asset"]): float(item["size"][2]) for item in objects if "size" in item}
     description = _SORTED.sub(" ", task.description.lower())
+    excepted = _EXCEPT.findall(description)
+    description = _EXCEPT.sub(" ", description)
     bottom_up, by_height = bool(_BOTTOM_UP.search(description)), bool(_BY_HEIGHT.search(description))
-    relations: list[WordedRelation] = []
-    unread: list[str] = []
-    for clause in _CLAUSE_ENDS.split(_BY_HEIGHT.sub(" ", _BOTTOM_UP.sub(" ", description))):
+    description = _OUTCOME.sub(lambda outcome: _ENDING.sub(" ", outcome[1]), _AFTERWARDS.sub(" then ", description))
+    seen_otherwise = bool(_OTHER_VIEW.search(description))
+    tower, levelled = _parse_tower(description, words)
+    relations: list[WordedRelation] = [tower] if tower else []
+    unread: list[str] = [*excepted]
+    for clause in _CLAUSE_ENDS.split(_BY_HEIGHT.sub(" ", _BOTTOM_UP.sub(" ", levelled))):
         parsed = [] if _EXEMPTING.search(clause) else list(_parse_worded_relations(clause, words, colors))
         read = [
             item if isinstance(item, str) else replace(item, bottom_up=bottom_up, by_height=by_height)
@@ -202,6 +258,14 @@ def read_task_words(task: TaskDefinition, scene: str) -> WordedTask:
         relations += [relation for relation in read if isinstance(relation, WordedRelation)]
         unread += [phrase for phrase in read if isinstance(phrase, str)]
         unread += [] if read or not clause.strip() else [clause.strip()]
+    # "all of the groceries": what the task uses of the photo and puts nothing into, if the words name no more
+    things = tuple(str(item["asset"]) for item in objects if item["asset"] in task.assets and not item.get("hollow"))
+    if len(relations) == 1 and not relations[0].movers:
+        movers = tuple(dict.fromkeys(name for name in things if name != relations[0].place))
+        relations = [replace(relations[0], movers=movers)]
+    left = {name for text in excepted for phrase in _LISTING.split(text) for name in _find_assets_meant(phrase, words)}
+    relations = [replace(item, movers=tuple(name for name in item.movers if name not in left)) for item in relations]
+    relations = [relation for relation in relations if relation.movers]
     named = {name for relation in relations for name in (*relation.movers, relation.place)}
     known = {*_PLAIN_WORDS, *COLORS}.union(*(words[name] for name in named))
     plain = description
@@ -209,34 +273,52 @@ def read_task_words(task: TaskDefinition, scene: str) -> WordedTask:
         plain = said.sub(" ", plain)
     unread += sorted({word for word in re.findall(r"[a-z]+", plain) if not {word, _make_singular(word)} & known})
     in_time, unread = bool(_IN_TIME.search(description)), [*unread, *sorted(set(task.assets) - named)]
-    return WordedTask(tuple(relations), half_widths, heights, tuple(unread), in_time)
+    row: tuple[str, ...] = ()
+    begins, evenly = _ROW.search(description), bool(_EVENLY.search(description))
+    low_first = begins is not None and begins["first"] in ("shortest", "lowest")
+    no_row = begins is None or seen_otherwise or not _ROWS.search(description)
+    side = "" if begins is None or no_row else "left" if low_first == (begins["side"] == "left") else "right"
+    if side and len(named & {*things}) in (0, len(things)):
+        row = tuple(sorted(dict.fromkeys(things), key=lambda name: heights.get(name, 0.0)))
+    return WordedTask(tuple(relations), half_widths, heights, tuple(unread), in_time, row, side, evenly)
 
 
 def _parse_worded_relations(
     clause: str, words: Mapping[str, set[str]], colors: Mapping[str, str]
 ) -> Iterator[WordedRelation | str]:
-    """The relations of a clause, and as text the phrases that may say another one."""
-    begin = 0
+    """The relations of a clause, and as text the phrases that may say another one.
+
+    A relation without movers speaks of all things.
+    """
+    begin, last_place = 0, list[str]()
     for preposition in _PREPOSITIONS.finditer(clause):
         if preposition.start() < begin:
             continue
         end = _PHRASE_ENDS.search(clause, preposition.end())
         place_text = clause[preposition.end() : end.start() if end else len(clause)]
-        moved_text = clause[begin : preposition.start()]
+        moved_text = _MEANS.sub(" ", _APART.sub(" ", clause[begin : preposition.start()]))
+        kind = cast('Literal["on", "inside", "left", "right", "front", "behind"]', preposition.lastgroup)
         place = _find_assets_meant(place_text, words)
+        if place_text.strip() == "it" and last_place:
+            place = last_place
+        if kind in _SIDES:
+            yield preposition[0] + place_text  # how far is left open
+            if _PREPOSITIONS.search(place_text) or _OTHER_VIEW.search(clause):
+                continue
         if len(place) != 1 or _ELSEWHERE.search(place_text) or _DESCRIBING.search(moved_text):
             yield preposition[0] + place_text
             continue
         spoken = set(re.findall(r"[a-z]+", place_text)) - words[place[0]]
         phrases = _LISTING.split(moved_text)
         movers = [name for phrase in phrases for name in _find_assets_meant(phrase, words) if name != place[0]]
-        begin = end.start() if end else len(clause)
+        begin, last_place = end.start() if end else len(clause), place
         if not movers:
             yield preposition[0] + place_text
-            continue
+            if not _ALL.search(moved_text):
+                continue
         relation = WordedRelation(
             movers=tuple(dict.fromkeys(movers)),
-            kind="on" if preposition["on"] else "inside",
+            kind=kind,
             place=place[0],
             color=next((color for color in COLORS if color in spoken), ""),
             stays=bool(_STAYING.match(clause, begin)),
@@ -245,6 +327,23 @@ def _parse_worded_relations(
             yield relation
         for mover in relation.movers if _OWN_COLOR.search(place_text) else ():
             yield replace(relation, movers=(mover,), color=colors.get(mover, ""))
+
+
+def _parse_tower(description: str, words: Mapping[str, set[str]]) -> tuple[WordedRelation | None, str]:
+    """The tower whose levels the words name one by one, and the words without them; None unless each names an asset."""
+    levels: dict[int, str] = {}
+    begin, start = 0, len(description)
+    for level in _LEVEL.finditer(description) if _TOWER.search(description) else ():
+        phrase = re.split(r"[,:;.]|\b(?:and|with|using)\b", description[begin : level.start()].rstrip(" ,"))[-1]
+        meant = _find_assets_meant(phrase, words)
+        if len(meant) != 1 or _LEVELS[level["level"]] in levels:
+            return None, description
+        start = min(start, description.index(phrase, begin))
+        levels[_LEVELS[level["level"]]], begin = meant[0], level.end()
+    if len(set(levels.values())) < 2 or len(set(levels.values())) < len(levels) or 0 not in levels:
+        return None, description
+    place, *movers = (asset for _, asset in sorted(levels.items()))
+    return WordedRelation(tuple(movers), "on", place, bottom_up=True), f"{description[:start]} {description[begin:]}"
 
 
 def _find_assets_meant(phrase: str, words: Mapping[str, set[str]]) -> list[str]:

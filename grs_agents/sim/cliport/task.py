@@ -17,10 +17,11 @@ from grs_agents.sim.cliport.environment import Environment
 from grs_agents.sim.cliport.goal_arguments import UNSTATED, GoalArguments, convert_to_goal, states_no_object
 from grs_agents.sim.cliport.task_helpers import TaskKit, add_kitting_objects
 from grs_agents.sim.expert.oracle import Oracle
-from grs_agents.sim.instance.episode import NoFreeSpaceError, SimulationError
+from grs_agents.sim.instance.episode import InvalidValueError, NoFreeSpaceError, SimulationError
 from grs_agents.sim.instance.goal import Goal
+from grs_agents.sim.instance.task_instance import MOST_STEPS
 from grs_agents.sim.motion import placement
-from grs_agents.sim.tabletop_episode import make_oracle
+from grs_agents.sim.tabletop_episode import make_oracle, parse_max_steps
 from grs_agents.sim.world import templates
 from grs_agents.sim.world.context import PROCESS_CONTEXT
 from grs_agents.sim.world.footprints import Prism, collider_prisms_at_pose
@@ -144,7 +145,10 @@ class Task(TaskKit):
             self.lang_goals.append(str(language_goal))
 
     def finish_goals(self, env: Environment) -> None:
-        """Read the goals as they are stated when ``reset`` ends."""
+        """Read the goals as they are stated when ``reset`` ends, and check ``max_steps``."""
+        if not 1 <= (steps := parse_max_steps(self.max_steps)) <= MOST_STEPS:
+            bound = "at least 1" if steps < 1 else f"at most {MOST_STEPS}"
+            raise InvalidValueError(f"max_steps = {steps}, must be {bound}"[:150])
         goals: list[Goal] = []
         for stated in self.goals:
             if states_no_object(stated):

@@ -30,6 +30,8 @@ LARGEST_VALUE = 2.0
 """Largest value of a template's placeholder: metres, or a share of a colour."""
 LARGEST_TIE_GAP = 0.05
 """Metres between the two places that a tie joins: it holds objects together, it does not pull them there."""
+MOST_STEPS = 200
+"""Actions of an episode."""
 MOST_PAIRS = 10_000
 """Pairs of an object and a target over all goals."""
 
@@ -166,7 +168,7 @@ class TaskInstance(Frozen):
     version: Literal[4] = 4
     task: Annotated[str, Field(max_length=200)]  # class name of the program it came from
     seed: Annotated[int, Field(ge=0, lt=2**32)]
-    max_steps: Annotated[int, Field(ge=1, le=200)]
+    max_steps: Annotated[int, Field(ge=1, le=MOST_STEPS)]
     timestep: Annotated[float, Field(ge=0.0005, le=0.01)]  # of the physics, seconds
     hz: Annotated[int, Field(ge=1, le=100_000)] = 240  # that the program asked for; recorded, not used
     primitive: Primitive = "pick_place"

@@ -29,7 +29,7 @@ SCENES: dict[str, tuple[Callable[[Any, Environment], object], str]] = {
     ),
     "below": (lambda task, env: add(env, ((0.5, -30, 0), FLAT)), "y = -30 m, must be at least -2 m; give metres: -30"),
     "far": (lambda task, env: add(env, ((0.5, 0, 3), FLAT)), "z = 3 m, must be at most 2 m$"),
-    "no pose": (lambda task, env: add(env, 5), "'block/block.urdf'.*: 5 is not a pose; give"),
+    "no pose": (lambda task, env: add(env, 5), r"'block/block.urdf'.*: 5 is not a pose; give .*\(x, y, z\)$"),
     "a dictionary": (lambda task, env: add(env, {"x": 1}), "'block/block.urdf'.* is not a pose; give"),
     "not a number": (lambda task, env: add(env, ((math.nan, 0, 0), FLAT)), "'block/block.urdf'.*nan.* is not a pose"),
     "three angles": (
@@ -86,6 +86,19 @@ def test_a_bad_value_of_a_program_is_named(name: str) -> None:
     with pytest.raises(GrsError, match=told) as refused:
         instantiate(Scripted(scene), 0)
     assert "Input should" not in str(refused.value)
+
+
+@pytest.mark.parametrize(("steps", "told"), [(0, "max_steps = 0, must be at least 1"), (201, "must be at most 200")])
+def test_the_steps_of_a_program_are_checked_when_its_scene_is_set_up(steps: int, told: str) -> None:
+    env = Environment(task=Scripted(lambda task, env: setattr(task, "max_steps", steps)))
+    with pytest.raises(InvalidValueError, match=told):
+        env.reset()
+
+
+@pytest.mark.parametrize("pose", [(0.5, 0.1, 0.02), [0.5, 0.1, 0.02], ((0.5, 0.1, 0.02), None)])
+def test_a_position_alone_is_a_pose_without_a_turn(pose: Any) -> None:
+    instance = instantiate(Scripted(lambda task, env: add(env, pose)), 0)
+    assert instance.objects[0].pose == ((0.5, 0.1, 0.02), FLAT)
 
 
 def test_a_place_out_of_bounds_is_an_invalid_value() -> None:
