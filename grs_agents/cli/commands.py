@@ -35,6 +35,8 @@ from grs_agents.cli.options import (
     Models,
     OfScene,
     Otel,
+    OtherHands,
+    OtherRobots,
     Out,
     Record,
     Reports,
@@ -420,17 +422,22 @@ def instances(
     light: Light = False,
     texture: Texture = False,
     distractors: Distractors = 0,
+    robot: OtherRobots = None,
+    hand: OtherHands = None,
     out: InstancesOut = None,
     workers: Workers = 2,
     json: Json = False,
 ) -> None:
-    """Make more instances of an accepted run, as data.
+    """Make more instances of an accepted run, as data, or the same for other robots.
 
-    Each is a variation of an instance of the run, and the expert has solved it.
+    Each is a variation of an instance of the run, and the expert has solved it. With --robot or --hand a table says
+    which robots solve the task.
     """
-    from grs_agents.cli.instances import write_instances
+    from grs_agents.cli.instances import write_instances, write_instances_of_robots
 
     variation = build_variation_from_options(jitter, yaw, mass, friction, light, texture, distractors)
+    if robot or hand:
+        sys.exit(write_instances_of_robots(run, seeds, variation, robot or [], hand or [], out, workers, json))
     sys.exit(write_instances(run, seeds, variation, out, workers, json))
 
 

@@ -1,17 +1,21 @@
 """``grs instances``."""
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
 from rich.text import Text
 
 from grs_agents.base import terminal
 from grs_agents.base.errors import InputError
 from grs_agents.base.files import refuse_link
 from grs_agents.base.terminal import print_escaped, print_json
+from grs_agents.sim.arms.registry import get_arm
 from grs_agents.sim.variation.types import Variation
-from grs_agents.tasks.varied_instances import VariationManifest, make_varied_instances
+from grs_agents.tasks.task_folder import open_task_folder
+from grs_agents.tasks.varied_instances import Robot, VariationManifest, make_varied_instances
 
 _MOST_SEEDS = 100_000
 _LARGEST_SEED = 2**32
@@ -34,20 +38,9 @@ def write_instances(run: Path, seeds: str, variation: Variation, out: Path | Non
     """Make varied instances of a run with a progress bar, and print a summary. Returns: exit status, 1 if none is
     solved."""
     requested = parse_seed_range(seeds)
-    folder = out or refuse_link(run.resolve().with_name(f"{run.resolve().name}-instances"))
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=terminal.make_console(error=True)) as progress:
-        row = progress.add_task("instances", total=len(requested))
-
-        def update_instance_progress(manifest: VariationManifest) -> None:
-            completed = len(manifest.seeds.intersection(requested))
-            progress.update(row, completed=completed, description=f"instances, {len(manifest.left_out)} left out")
-
-        try:
-            manifest = make_varied_instances(run, requested, variation, folder, workers, update_instance_progress)
-        except KeyboardInterrupt:
-            print_escaped("interrupted; the same command goes on", error=True)
-            raise
+    folder = out or _folder_beside(run, "instances")
+    with _show_progress() as progress:
+        manifest = _make_instances(run, requested, variation, folder, workers, progress, None)
     if as_json:
         print_json({"folder": str(folder), **manifest.model_dump(mode="json")})
         return 0 if manifest.instances else 1
@@ -58,3 +51,75 @@ def write_instances(run: Path, seeds: str, variation: Variation, out: Path | Non
     if len(manifest.left_out) > _SHOWN:
         console.print(Text(f"  and {len(manifest.left_out) - _SHOWN} more, see manifest.json"))
     return 0 if manifest.instances else 1
+
+
+def write_instances_of_robots(
+    run: Path,
+    seeds: str,
+    variation: Variation,
+    robots: Sequence[str],
+    hands: Sequence[str],
+    out: Path | None,
+    workers: int,
+    as_json: bool,
+) -> int:
+    """As ``write_instances``, for each robot with each hand, the run's own where none is named: a folder each, and a
+    table of which solve the task."""
+    requested = parse_seed_range(seeds)
+    task = open_task_folder(run)
+    own = task.read_instance(task.seeds[0])
+    pairs = [Robot(robot=robot, hand=hand) for robot in robots or [own.robot] for hand in hands or [own.hand]]
+    for pair in pairs:
+        get_arm(pair.robot, pair.hand)  # before anything is simulated
+    folder = out or _folder_beside(run, "robots")
+    with _show_progress() as progress:
+        manifests = [
+            _make_instances(run, requested, variation, folder / pair.folder_name, workers, progress, pair)
+            for pair in pairs
+        ]
+    if as_json:
+        rows = [
+            {"folder": str(folder / pair.folder_name), **manifest.model_dump(mode="json")}
+            for pair, manifest in zip(pairs, manifests, strict=True)
+        ]
+        print_json({"folder": str(folder), "robots": rows})
+    else:
+        table = Table("robot", "hand", "solved", "first reason", box=None, pad_edge=False, header_style="bold")
+        for pair, manifest in zip(pairs, manifests, strict=True):
+            reasons = [f"seed {item.seed}: {item.outcome}: {item.detail}" for item in manifest.left_out]
+            solved = f"{len(manifest.instances)} of {len(manifest.seeds)}"
+            table.add_row(*map(Text, (Path(pair.robot).name, pair.hand, solved, next(iter(reasons), ""))))
+        terminal.make_console().print(table)
+    return 0 if any(manifest.instances for manifest in manifests) else 1
+
+
+def _folder_beside(run: Path, name: str) -> Path:
+    return refuse_link(run.resolve().with_name(f"{run.resolve().name}-{name}"))
+
+
+def _show_progress() -> Progress:
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    return Progress(*columns, console=terminal.make_console(error=True))
+
+
+def _make_instances(
+    run: Path,
+    requested: range,
+    variation: Variation,
+    folder: Path,
+    workers: int,
+    progress: Progress,
+    robot: Robot | None,
+) -> VariationManifest:
+    name = "instances" if robot is None else robot.folder_name
+    row = progress.add_task(name, total=len(requested))
+
+    def update_instance_progress(manifest: VariationManifest) -> None:
+        completed = len(manifest.seeds.intersection(requested))
+        progress.update(row, completed=completed, description=f"{name}, {len(manifest.left_out)} left out")
+
+    try:
+        return make_varied_instances(run, requested, variation, folder, workers, update_instance_progress, robot)
+    except KeyboardInterrupt:
+        print_escaped("interrupted; the same command goes on", error=True)
+        raise

@@ -98,9 +98,12 @@ Distractors = Annotated[int, _DISTRACTORS]
 
 Episodes = Annotated[int, typer.Option("--episodes", help="How many are wanted.", metavar="N", min=1, max=1_000_000)]
 Cameras = Annotated[str, typer.Option("--camera", help="Whose pictures: photo, front, wrist.", metavar="NAME,NAME")]
-InstancesOut = Annotated[
-    Path | None, typer.Option("--out", help="The folder; <run>-instances beside the run.", metavar="DIR")
-]
+_OUT = "The folder; <run>-instances beside the run, for other robots <run>-robots."
+InstancesOut = Annotated[Path | None, typer.Option("--out", help=_OUT, metavar="DIR")]
+_ROBOTS = "An arm instead of the run's: ur5e, panda or the path of an MJCF file. Repeatable."
+OtherRobots = Annotated[list[str] | None, typer.Option("--robot", help=_ROBOTS, metavar="NAME")]
+_HANDS = "A hand instead of the run's: suction, franka_hand or robotiq_2f85. Repeatable."
+OtherHands = Annotated[list[str] | None, typer.Option("--hand", help=_HANDS, metavar="NAME")]
 Demonstrations = Annotated[
     int, typer.Option("--demonstrations", help="That the learned policy has.", metavar="N", min=1, max=10_000)
 ]

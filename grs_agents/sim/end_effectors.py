@@ -69,12 +69,22 @@ class EndEffector(Protocol):
         """Carry out an action between two poses of the tip."""
         ...
 
-    def find_grasps(self, physics: Physics, number: int, outline: Prism, others: Sequence[Prism]) -> Grasps:
-        """Grasps of an object as it stands: ``outline`` is its prism, ``others`` those of all other objects."""
+    def find_grasps(
+        self, physics: Physics, number: int, outline: Prism, others: Sequence[Prism], wanted: int = 1
+    ) -> Grasps:
+        """Grasps of an object as it stands, for any place.
+
+        Args:
+            physics: the running world.
+            number: id of the object.
+            outline: its prism.
+            others: prisms of all other objects.
+            wanted: how many unlike grasps end a search; there may be fewer.
+        """
         ...
 
     def find_grasps_for_place(
-        self, physics: Physics, number: int, grasps: Grasps, carry: Callable[[Pose], Pose]
+        self, physics: Physics, number: int, grasps: Grasps, carry: Callable[[Pose], Pose], wanted: int = 1
     ) -> Grasps:
         """Grasps that also serve where the object is let go.
 
@@ -83,6 +93,7 @@ class EndEffector(Protocol):
             number: id of the object.
             grasps: those found for any place.
             carry: pose of the tip at the place, from the pose that takes the object.
+            wanted: as for ``find_grasps``.
         """
         ...
 
@@ -98,8 +109,11 @@ class SuctionCup:
         result = sim.pick_place(start, end)
         return ActionEffect(result.grasped, result.note, result.trouble)
 
-    def find_grasps(self, physics: Physics, number: int, outline: Prism, others: Sequence[Prism]) -> Grasps:
+    def find_grasps(
+        self, physics: Physics, number: int, outline: Prism, others: Sequence[Prism], wanted: int = 1
+    ) -> Grasps:
         """The best point on top of an object."""
+        del wanted
         hold = find_grasp(physics, number, outline, others)
         if hold.point is not None:
             return Grasps(((hold.point, transforms.IDENTITY),))
@@ -110,10 +124,10 @@ class SuctionCup:
         return Grasps((), hold.hindered_by, hold.covered_by, hold.trouble, why)
 
     def find_grasps_for_place(
-        self, physics: Physics, number: int, grasps: Grasps, carry: Callable[[Pose], Pose]
+        self, physics: Physics, number: int, grasps: Grasps, carry: Callable[[Pose], Pose], wanted: int = 1
     ) -> Grasps:
         """The given grasps: a cup is above the object that it holds."""
-        del physics, number, carry
+        del physics, number, carry, wanted
         return grasps
 
 
@@ -128,16 +142,18 @@ class Blade:
         result = sim.push(start, end)
         return ActionEffect(next(iter(result.pushed), None), result.note, pushed=result.pushed)
 
-    def find_grasps(self, physics: Physics, number: int, outline: Prism, others: Sequence[Prism]) -> Grasps:
+    def find_grasps(
+        self, physics: Physics, number: int, outline: Prism, others: Sequence[Prism], wanted: int = 1
+    ) -> Grasps:
         """None: a blade picks nothing up."""
-        del physics, number, outline, others
+        del physics, number, outline, others, wanted
         return Grasps((), trouble="unreachable", why="the spatula pushes, it does not pick {name} up")
 
     def find_grasps_for_place(
-        self, physics: Physics, number: int, grasps: Grasps, carry: Callable[[Pose], Pose]
+        self, physics: Physics, number: int, grasps: Grasps, carry: Callable[[Pose], Pose], wanted: int = 1
     ) -> Grasps:
         """None, as ``find_grasps``."""
-        del physics, number, carry
+        del physics, number, carry, wanted
         return grasps
 
 
@@ -155,20 +171,22 @@ class TwoFingers:
         result = sim.pick_place(start, end)
         return ActionEffect(result.grasped, result.note, result.trouble)
 
-    def find_grasps(self, physics: Physics, number: int, outline: Prism, others: Sequence[Prism]) -> Grasps:
+    def find_grasps(
+        self, physics: Physics, number: int, outline: Prism, others: Sequence[Prism], wanted: int = 1
+    ) -> Grasps:
         """Antipodal grasps with room for the hand, from above if there are any."""
         del outline, others
-        return self._find_grasps(physics, number, None)
+        return self._find_grasps(physics, number, None, wanted)
 
     def find_grasps_for_place(
-        self, physics: Physics, number: int, grasps: Grasps, carry: Callable[[Pose], Pose]
+        self, physics: Physics, number: int, grasps: Grasps, carry: Callable[[Pose], Pose], wanted: int = 1
     ) -> Grasps:
         """Antipodal grasps with room at the place, too, for the fingers to open and draw back."""
         del grasps
-        return self._find_grasps(physics, number, carry)
+        return self._find_grasps(physics, number, carry, wanted)
 
-    def _find_grasps(self, physics: Physics, number: int, carry: Callable[[Pose], Pose] | None) -> Grasps:
-        found = find_finger_grasps(physics, self._look(physics), number, carry)
+    def _find_grasps(self, physics: Physics, number: int, carry: Callable[[Pose], Pose] | None, wanted: int) -> Grasps:
+        found = find_finger_grasps(physics, self._look(physics), number, carry, wanted)
         poses = tuple(grasp.pose for grasp in found.grasps)
         return Grasps(poses, found.covered_by, trouble=found.trouble, why=found.why)
 

@@ -12,6 +12,7 @@ from grs_agents.sim.variation.types import Variation
 from grs_agents.tasks.task_folder import open_task_folder
 from grs_agents.tasks.varied_instances import VariationManifest, make_varied_instances
 from tests.cli.command import grs
+from tests.gantry import GANTRY
 from tests.sim.sim_scenes import Scripted, at, pose_goal
 
 VARIATION = Variation(jitter=0.02)
@@ -89,6 +90,39 @@ def test_the_verbs_print_what_they_made(run: Path) -> None:
     done = grs("grade", str(run), *few, "--json", folder=run.parent)
     assert done.returncode == 0, done.stderr
     assert 0 < json.loads(done.stdout)["difficulty"] < 1
+
+
+def test_a_table_tells_which_robots_solve_the_task(run: Path, tmp_path: Path) -> None:
+    def wide_box(task, env) -> None:
+        box = task.fill_template("box/box-template.urdf", {"DIM": (0.12, 0.12, 0.05)})
+        pose_goal(task, env.add_object(box, at(0.5, -0.1, 0.025)), at(0.5, 0.2, 0.025))
+
+    wide = tmp_path / "wide"
+    write_json(wide / "instances" / "seed_0.json", instantiate(Scripted(wide_box), 0).model_dump(mode="json"))
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "arm.xml").write_text(GANTRY)
+    robots = ("--robot", "ur5e", "--robot", "mine/arm.xml", "--hand", "suction", "--hand", "franka_hand")
+    done = grs("instances", str(wide), "--seeds", "0:1", *robots, "--workers", "1", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    lines = {tuple(line.split()[:5]) for line in done.stdout.splitlines()[1:] if " of 1" in line}
+    assert lines == {
+        ("ur5e", "suction", "1", "of", "1"),
+        ("ur5e", "franka_hand", "0", "of", "1"),
+        ("arm.xml", "suction", "1", "of", "1"),
+        ("arm.xml", "franka_hand", "0", "of", "1"),
+    }
+    assert "0.120 m across" in " ".join(done.stdout.split())
+    made = open_task_folder(tmp_path / "wide-robots" / "arm-suction").read_instance(0)
+    assert Path(made.robot) == (tmp_path / "wide-robots" / "arm-suction" / "robot" / "arm.xml").resolve()
+    with pytest.raises(InputError, match="for another robot"):
+        make_varied_instances(wide, range(1), Variation(), tmp_path / "wide-robots" / "ur5e-suction", workers=1)
+
+
+def test_a_robot_that_there_is_not_is_refused_before_anything_is_made(run: Path) -> None:
+    done = grs("instances", str(run), "--seeds", "0:1", "--robot", "ur5e", "--robot", "ur99", folder=run.parent)
+    assert done.returncode == 2
+    assert "unknown robot 'ur99'" in " ".join(done.stderr.split())
+    assert not (run.parent / "run-robots").exists()
 
 
 @pytest.mark.parametrize("text", ["5:5", "7:3", "-1:4", "0:1000000", "a:b", "0:99999999999"])

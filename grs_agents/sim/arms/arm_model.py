@@ -12,7 +12,7 @@ from grs_agents.sim.arms.arm_parts import DOWN
 
 _TOLERANCE: Final = 1e-4
 """Convergence tolerance, metres and radians."""
-_DAMPING: Final = 1e-4
+_DAMPING: Final = 1e-4 * np.eye(6)
 _HOMEWARD: Final = 0.05
 _STALLED: Final = 1e-6
 """Change of the joints per iteration below which the solver has stalled, radians or metres."""
@@ -111,8 +111,7 @@ class ArmModel:
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], self._site)
-        square = jacobian @ jacobian.T
-        square[np.diag_indices(6)] += _DAMPING
+        square = jacobian @ jacobian.T + _DAMPING
         return np.clip(joints + jacobian.T @ np.linalg.solve(square, twist), self.low, self.high)
 
     def solve_ik(
@@ -125,7 +124,7 @@ class ArmModel:
         """
         model, data, jacobian = self._model, self._data, self._jacobian
         joints = np.clip(start, self.low, self.high)
-        wanted, present, turn, error = np.empty(4), np.empty(4), np.empty(4), np.empty(6)
+        wanted, present, turn, error, load = np.empty(4), np.empty(4), np.empty(4), np.empty(6), np.empty(6)
         mujoco.mju_mat2Quat(wanted, np.ascontiguousarray(tool).ravel())
         for _ in range(iterations):
             data.qpos[:] = joints
@@ -140,9 +139,10 @@ class ArmModel:
             mujoco.mj_comPos(model, data)
             mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], self._site)
             homeward = _HOMEWARD * (rest - joints)
-            square = jacobian @ jacobian.T
-            square[np.diag_indices(6)] += _DAMPING
-            change = homeward + jacobian.T @ np.linalg.solve(square, error - jacobian @ homeward)
+            square = jacobian @ jacobian.T + _DAMPING
+            mujoco.mju_cholFactor(square, 0.0)
+            mujoco.mju_cholSolve(load, square, error - jacobian @ homeward)
+            change = homeward + jacobian.T @ load
             change *= min(1.0, _LONGEST / max(float(np.abs(change).max()), 1e-9))
             before, joints = joints, np.clip(joints + change, self.low, self.high)
             if float(np.abs(joints - before).max()) < _STALLED:  # no closer from this start

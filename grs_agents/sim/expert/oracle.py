@@ -294,7 +294,7 @@ class Oracle:
                 for row, target in self._ropes.rank_bead_moves(goal, scene, self.task.pos_eps, tries):
                     attempt = (len(self.task.goals), goal.objects[row])
                     tried = self._attempts.get(attempt, 0)
-                    holds = self.find_holds(attempt[1], scene) if tried < _ATTEMPTS else None
+                    holds = self.find_holds(attempt[1], scene, tried + 1) if tried < _ATTEMPTS else None
                     spot = Spot((float(target[0]), float(target[1])), 0.0, 0.0)
                     if isinstance(holds, tuple):
                         reachable = ReachTest(holds[0][0][2], self.table.arm)(np.array([spot.center]), np.zeros(1))
@@ -386,13 +386,16 @@ class Oracle:
             target = target.otherwise
         if isinstance(target, Stop):
             return target
-        served = self._find_holds_for_spot(number, holds, target, scene)
+        served = self._find_holds_for_spot(attempt, holds, target, scene)
         if isinstance(served, BlockedTarget):
             return self._plan_blocker_removal(served, number, scene, waiting)
         return served if isinstance(served, Stop) else self._make_action_for_attempt(attempt, *served, scene)
 
-    def find_holds(self, number: int, scene: PlanningScene) -> tuple[Pose, ...] | BlockedTarget | Stop:
-        """Poses of the tip that take an object, best first, or the object in their way, or why it cannot be picked."""
+    def find_holds(self, number: int, scene: PlanningScene, wanted: int = 1) -> tuple[Pose, ...] | BlockedTarget | Stop:
+        """Poses of the tip that take an object, best first, or the object in their way, or why it cannot be picked.
+
+        The search ends with ``wanted`` of them.
+        """
         carried = carried_object_ids(number, scene)
         immovable = self._stop_if_object_immovable(number, carried, scene)
         if immovable is not None:
@@ -400,22 +403,26 @@ class Oracle:
         if carried and not scene.is_object_hollow(number):
             return BlockedTarget(carried[0])
         found = self.table.end_effector.find_grasps(
-            scene.physics, number, scene.object_prism(number), scene.prisms_of_other_objects(number)
+            scene.physics, number, scene.object_prism(number), scene.prisms_of_other_objects(number), wanted
         )
         return found.poses or self._explain_missing_grasps(found, number, scene)
 
     def _find_holds_for_spot(
-        self, number: int, holds: tuple[Pose, ...], spot: Spot, scene: PlanningScene
+        self, attempt: tuple[int, int], holds: tuple[Pose, ...], spot: Spot, scene: PlanningScene
     ) -> tuple[tuple[Pose, ...], Spot] | BlockedTarget | Stop:
-        """Holds with which the hand has room at a spot, and the spot, or a little above it; else as ``find_holds``."""
-        hand, first = self.table.end_effector, Grasps(())
+        """Holds with which the hand has room at a spot, and the spot, or a little above it; else as ``find_holds``.
+
+        There are as many as the next try of an attempt needs.
+        """
+        hand, first, number = self.table.end_effector, Grasps(()), attempt[1]
+        wanted = self._attempts.get(attempt, 0) + 1
         for drop in _DROPS:
             above = replace(spot, height=spot.height + drop)
 
             def carry(hold: Pose, above: Spot = above) -> Pose:
                 return _carry_to_spot(hold, number, above, scene)
 
-            found = hand.find_grasps_for_place(scene.physics, number, Grasps(holds), carry)
+            found = hand.find_grasps_for_place(scene.physics, number, Grasps(holds), carry, wanted)
             if found.poses:
                 return found.poses, above
             first = found if drop == 0.0 else first
@@ -482,7 +489,7 @@ class Oracle:
         spot = find_spot_aside(blocker, blocked.keep_free, scene, holds[0][0][2] - scene.object_prism(blocker).low)
         if spot is None:
             return make_blocked_stop("no place on the table is free for it")
-        served = self._find_holds_for_spot(blocker, holds, spot, scene)
+        served = self._find_holds_for_spot(attempt, holds, spot, scene)
         if not isinstance(served, tuple):
             return make_blocked_stop("the hand has no room beside a free place for it")
         return self._make_action_for_attempt(attempt, *served, scene)

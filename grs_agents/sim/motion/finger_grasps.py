@@ -6,6 +6,7 @@ Candidates belong to an object and the side that is up; room, reach and neighbou
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
@@ -52,8 +53,8 @@ _SIDE: Final = 0.01
 """Clearance between an open pad and the object, metres: covers an error of the hand of 5 mm."""
 _TIGHT: Final = 0.07
 """Width from which on little of the clearance is left, metres."""
-_WANTED, _LOOKS = 4, 160
-"""Grasps that end the search, and candidates that are looked at."""
+_LOOKS: Final = 160
+"""Candidates that are looked at."""
 _MISS: Final = 0.01
 """Distance about a tilted grasp within which the arm must reach, too, metres."""
 _APART, _TURNED = 0.012, 0.35
@@ -76,6 +77,7 @@ _STAGES: Final = ("table", "room", "place", "reach", "arm", "reach of the place"
 """Tests of a candidate, in their order."""
 _STRAIGHT: Final = 1 - 1e-9
 """Least cosine of the tilt of a hand that points straight down."""
+_FLIPS: Final = (1.0, -1.0)
 _BEND: Final = 1.2
 """Largest joint motion of the approach, radians."""
 
@@ -359,7 +361,11 @@ def _rate_span(
 
 
 def find_finger_grasps(
-    physics: Physics, room: HandRoom, number: int, carry: Callable[[Pose], Pose] | None = None
+    physics: Physics,
+    room: HandRoom,
+    number: int,
+    carry: Callable[[Pose], Pose] | None = None,
+    wanted: int = 1,
 ) -> FingerGrasps:
     """Grasps of an object as it stands, from above if there are any, else tilted.
 
@@ -368,6 +374,7 @@ def find_finger_grasps(
         room: shows the present scene.
         number: id of the object.
         carry: pose of the tip at the object's place, from the pose that takes it; None to find grasps for any place.
+        wanted: how many unlike grasps end the search from above, and that of tilted ones.
     """
     hand = physics.fingers.hand
     mass = physics.object_mass(number)
@@ -380,7 +387,7 @@ def find_finger_grasps(
     for tilted in (False, True):
         candidates = find_candidates(physics, number, tilted)
         any_candidates |= bool(candidates)
-        grasps += search.feasible(candidates, _WANTED)
+        grasps += search.feasible(candidates, tilted, wanted)
         if grasps and (tilted or grasps[0].cost < _POOR):
             return FingerGrasps(tuple(sorted(grasps, key=lambda grasp: grasp.cost)))
     if not any_candidates:
@@ -401,37 +408,27 @@ def _describe_shape(physics: Physics, number: int, hand: TwoFingerHand) -> str:
     return f"no two faces of {{name}} are opposite enough, and near enough to its middle, for the {hand.maker}"
 
 
-class _SceneSearch:
-    """Picks the candidates that the scene leaves room for, and counts why others fail."""
+class _Standing:
+    """A candidate in the scene as it stands; each check is made once."""
 
-    def __init__(self, physics: Physics, room: HandRoom, number: int, carry: Callable[[Pose], Pose] | None) -> None:
-        self._physics, self._room, self._number, self._carry = physics, room, number, carry
-        self._reasons = Counter[str]()
-        self._owners = Counter[int]()
-        self._position, self._turn = _body_frame(physics, number)
+    def __init__(
+        self,
+        physics: Physics,
+        room: HandRoom,
+        number: int,
+        frame: tuple[FloatArray, FloatArray],
+        candidate: FingerGrasp,
+    ) -> None:
+        self._physics, self._room, self._number, self._frame = physics, room, number, frame
+        self._candidate = candidate
+        self._joints: dict[float, FloatArray | None] = {}
 
-    def feasible(self, candidates: Sequence[FingerGrasp], wanted: int) -> list[FingerGrasp]:
-        """The first few candidates with room that the arm reaches, each unlike the others, in the robot frame."""
-        chosen: list[FingerGrasp] = []
-        for candidate in candidates[:_LOOKS]:
-            grasp = self._on_the_table(candidate)
-            if grasp is None:
-                self._reasons["table"] += 1
-            elif (
-                not any(_alike(grasp, other) for other in chosen)
-                and self._has_room(grasp)
-                and self._has_room_at_place(grasp)
-                and self._in_reach(grasp)
-            ):
-                chosen.append(grasp)
-                if len(chosen) == wanted:
-                    break
-        return chosen
-
-    def _on_the_table(self, candidate: FingerGrasp) -> FingerGrasp | None:
-        """A candidate in the robot frame, drawn back until no part of the hand is at the table; None if too far."""
-        axes = _upright_if_nearly(self._turn @ candidate.hand)
-        tip = self._turn @ candidate.tip + self._position
+    @cached_property
+    def grasp(self) -> FingerGrasp | None:
+        """In the robot frame, drawn back until no part of the hand is at the table; None if too far."""
+        candidate, (position, turn) = self._candidate, self._frame
+        axes = _upright_if_nearly(turn @ candidate.hand)
+        tip = turn @ candidate.tip + position
         low = self._physics.fingers.hand.lowest_point(axes, candidate.opening)
         rise = max(0.0, _ABOVE_TABLE - float(tip[2]) - low)
         drawn = rise / max(-float(axes[2, 2]), 0.5)
@@ -439,12 +436,85 @@ class _SceneSearch:
             return None
         return replace(candidate, tip=tip - drawn * axes[:, 2], hand=axes, depth=candidate.depth - drawn)
 
-    def _has_room(self, grasp: FingerGrasp) -> bool:
-        for back in _BACK:
-            tip = grasp.tip - back * grasp.hand[:, 2]
-            if self._is_taken("room", self._room.touched_by_hand(tip, grasp.hand, grasp.opening)):
-                return False
-        return True
+    @cached_property
+    def touched(self) -> Sequence[int]:
+        """Ids of what the hand would touch at the grasp, open or as it closes, -1 for the table."""
+        grasp = self._grasp
+        return self._touched_at(_BACK[0]) or self._room.touched_by_hand(
+            grasp.tip, grasp.hand, grasp.width, self._number
+        )
+
+    @cached_property
+    def touched_on_the_way(self) -> Sequence[int]:
+        """As ``touched``, on the way in."""
+        return next((touched for back in _BACK[1:] if (touched := self._touched_at(back))), ())
+
+    @cached_property
+    def touched_by_arm(self) -> Sequence[int] | None:
+        """Ids of what the arm would touch at the grasp; None if it does not reach it."""
+        grasp = self._grasp
+        joints = next((found for flip in _FLIPS if (found := self.reach(flip)) is not None), None)
+        if joints is None:
+            return None
+        if grasp.hand[2, 2] > -_NEARLY:  # a tilted wrist is near its limits
+            outwards = np.array([*grasp.tip[:2], 0.0]) * (_MISS / max(float(np.hypot(*grasp.tip[:2])), _MISS))
+            if not all(self._reaches(grasp.tip + way) for way in (outwards, -outwards)):
+                return None
+        return self._room.touched_by_arm(joints, grasp.opening)
+
+    def reach(self, flip: float) -> FloatArray | None:
+        """Joint positions (dof,) at the grasp, with the hand turned half around for -1; None out of reach."""
+        if flip not in self._joints:
+            seed = self._physics.commanded_joint_positions
+            self._joints[flip] = solve_approach(self._physics, self._grasp.tip, self._grasp.hand, flip, seed)
+        return self._joints[flip]
+
+    def _reaches(self, tip: FloatArray) -> bool:
+        seed = self._physics.commanded_joint_positions
+        return any(solve_approach(self._physics, tip, self._grasp.hand, flip, seed) is not None for flip in _FLIPS)
+
+    def _touched_at(self, back: float) -> Sequence[int]:
+        grasp = self._grasp
+        return self._room.touched_by_hand(grasp.tip - back * grasp.hand[:, 2], grasp.hand, grasp.opening)
+
+    @property
+    def _grasp(self) -> FingerGrasp:
+        assert self.grasp is not None, "the candidate is not clear of the table"
+        return self.grasp
+
+
+class _SceneSearch:
+    """Picks the candidates that the scene leaves room for, and counts why others fail."""
+
+    def __init__(self, physics: Physics, room: HandRoom, number: int, carry: Callable[[Pose], Pose] | None) -> None:
+        self._physics, self._room, self._number, self._carry = physics, room, number, carry
+        self._reasons = Counter[str]()
+        self._owners = Counter[int]()
+
+    def feasible(self, candidates: Sequence[FingerGrasp], tilted: bool, wanted: int) -> list[FingerGrasp]:
+        """The first few candidates with room that the arm reaches, each unlike the others, in the robot frame."""
+        key, chosen = (self._number, tilted), list[FingerGrasp]()
+        if key not in self._room.memory:
+            frame = _body_frame(self._physics, self._number)
+            self._room.memory[key] = [
+                _Standing(self._physics, self._room, self._number, frame, candidate)
+                for candidate in candidates[:_LOOKS]
+            ]
+        for standing in self._room.memory[key]:
+            grasp = standing.grasp
+            if grasp is None:
+                self._reasons["table"] += 1
+            elif (
+                not any(_alike(grasp, other) for other in chosen)
+                and not self._is_taken("room", standing.touched)
+                and self._has_room_at_place(grasp)
+                and not self._is_taken("room", standing.touched_on_the_way)
+                and self._in_reach(grasp, standing)
+            ):
+                chosen.append(grasp)
+                if len(chosen) == wanted:
+                    break
+        return chosen
 
     def _has_room_at_place(self, grasp: FingerGrasp) -> bool:
         """Whether the hand can open at the place and draw back; the object itself does not count."""
@@ -459,26 +529,24 @@ class _SceneSearch:
                 return False
         return True
 
-    def _in_reach(self, grasp: FingerGrasp) -> bool:
-        joints = solve_approach(self._physics, grasp.tip, grasp.hand)
-        if joints is None:
+    def _in_reach(self, grasp: FingerGrasp, standing: _Standing) -> bool:
+        if standing.touched_by_arm is None:
             self._reasons["reach"] += 1
             return False
-        if grasp.hand[2, 2] > -_NEARLY:  # a tilted wrist is near its limits
-            outwards = np.array([*grasp.tip[:2], 0.0]) * (_MISS / max(float(np.hypot(*grasp.tip[:2])), _MISS))
-            if any(solve_approach(self._physics, grasp.tip + way, grasp.hand) is None for way in (outwards, -outwards)):
-                self._reasons["reach"] += 1
-                return False
-        if self._is_taken("arm", self._room.touched_by_arm(joints, grasp.opening)):
+        if self._is_taken("arm", standing.touched_by_arm):
             return False
         if self._carry is None:
             return True
         place = self._carry(grasp.pose)
-        joints = solve_approach(self._physics, np.array(place[0]), hand_axes(place))
-        if joints is None:
-            self._reasons["reach of the place"] += 1
-            return False
-        return not self._is_taken("place", self._room.touched_by_arm(joints, grasp.opening, self._number))
+        for flip in _FLIPS:  # the arm carries the object there without turning its hand half around
+            before = standing.reach(flip)
+            if before is None:
+                continue
+            joints = solve_approach(self._physics, np.array(place[0]), hand_axes(place), flip, before)
+            if joints is not None:
+                return not self._is_taken("place", self._room.touched_by_arm(joints, grasp.opening, self._number))
+        self._reasons["reach of the place"] += 1
+        return False
 
     def _is_taken(self, reason: str, touched: Sequence[int]) -> bool:
         """Whether anything is touched; counts it for the reason."""
@@ -504,24 +572,31 @@ class _SceneSearch:
         return FingerGrasps((), covered, "no_grip", f"there is no room for the {hand.maker} beside {{name}}")
 
 
-def solve_approach(physics: Physics, tip: FloatArray, axes: FloatArray) -> FloatArray | None:
-    """Joint positions (dof,) at a grasp, if the arm can come to it straight along the hand; None if not."""
-    arm, seed = physics.arm, physics.commanded_joint_positions
+def solve_approach(
+    physics: Physics, tip: FloatArray, axes: FloatArray, flip: float, seed: FloatArray
+) -> FloatArray | None:
+    """Joint positions (dof,) at a grasp, if the arm can come to it straight along the hand; None if not.
+
+    Args:
+        physics: the running world.
+        tip: (3,) position of the tip, metres.
+        axes: (3, 3) of the hand; z points out of it.
+        flip: 1, or -1 for the hand turned half around, which closes on the same.
+        seed: (dof,) joint positions that the arm comes from.
+    """
+    arm = physics.arm
     ways = np.stack([tip - RETREAT * axes[:, 2], tip])
-    if axes[2, 2] < -_STRAIGHT and not arm.reachable_mask(ways).all():
+    upright = axes[2, 2] < -_STRAIGHT
+    if upright and not arm.reachable_mask(ways).all():
         return None
-    for flip in (1.0, -1.0):
-        rotation = axes @ np.diag([flip, flip, 1.0]) @ DOWN
-        if axes[2, 2] < -_STRAIGHT:
-            path = arm.solve_ik_tool_down(ways, np.full(2, np.arctan2(rotation[1, 0], rotation[0, 0])), seed)
-        else:
-            path = arm.solve_ik_for_poses(ways, np.repeat(rotation[None], 2, axis=0), seed)
-        bent = path[1] - path[0]
-        if not arm.is_path_within_limits(path) or float(np.abs(bent).max()) > _BEND:
-            continue
-        if arm.first_collision_along(path) is None:
-            return path[1]
-    return None
+    rotation = axes @ np.diag([flip, flip, 1.0]) @ DOWN
+    if upright:
+        path = arm.solve_ik_tool_down(ways, np.full(2, np.arctan2(rotation[1, 0], rotation[0, 0])), seed)
+    else:
+        path = arm.solve_ik_for_poses(ways, np.repeat(rotation[None], 2, axis=0), seed)
+    if not arm.is_path_within_limits(path) or float(np.abs(path[1] - path[0]).max()) > _BEND:
+        return None
+    return path[1] if arm.first_collision_along(path) is None else None
 
 
 def _upright_if_nearly(axes: FloatArray) -> FloatArray:

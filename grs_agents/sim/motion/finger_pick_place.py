@@ -225,7 +225,7 @@ class FingerPickPlace(ArmMotion):
         ends = finger_grasps.measure_between_pads(physics, number, tip, axes)
         start = opening if ends is None else min(opening, 2 * (max(-ends[0], ends[1]) + _NEAR))
         step = 2 * self.hand.speed * physics.timestep * _PART
-        fingers.set_width(start)
+        start = fingers.narrow_to(start)
         physics.pass_time(_PART * math.ceil((opening - start) / step))
         for count in range(0, _LONGEST_CLOSING, _PART):
             fingers.command(max(0.0, start - step * (count // _PART + 1)), force, closing=True)
@@ -296,12 +296,12 @@ class FingerPickPlace(ArmMotion):
         self._draw_back(self._current_axes())
 
     def _open(self, width: float) -> None:
-        """Open to a width under the dynamics."""
-        fingers, physics = self.fingers, self.physics
+        """Open to a width under the dynamics, gently: a finger within a hollow object may meet its other wall."""
+        fingers, physics, force = self.fingers, self.physics, self.hand.gripping_force(0.0)
         fingers.release()
         start, step = fingers.width, 2 * self.hand.speed * physics.timestep * _PART
         for count in range(1, math.ceil(max(0.0, width - start) / step) + 1):
-            fingers.command(min(width, start + count * step), fingers.force)
+            fingers.command(min(width, start + count * step), force)
             physics.step(_PART)
 
     def _draw_back(self, axes: FloatArray) -> None:

@@ -18,6 +18,9 @@ class HandRoom:
     """The world at a moment with objects at rest, in which the hand flies, or the whole arm is set to joint positions.
 
     Objects meet the robot alone.
+
+    Attributes:
+        memory: facts about this moment, for those who ask again.
     """
 
     def __init__(self, physics: Physics) -> None:
@@ -40,10 +43,15 @@ class HandRoom:
         self._owner = world.owner_of_geom
         self._robot = robot
         self._length = world.arm.hand.length
+        self.memory: dict[tuple[int, bool], Any] = {}
+        self._seen = np.zeros(0)
         self.look(physics)
 
     def look(self, physics: Physics) -> None:
         """Take over the present poses of the objects."""
+        seen = np.concatenate([physics.data.qpos, physics.commanded_joint_positions])
+        if not np.array_equal(seen, self._seen):
+            self._seen, self.memory = seen, {}
         self._data.qpos[:] = physics.data.qpos
         self._free = self._world.first_free
         self._flying: bool | None = None

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base.geometry.transforms import FloatArray
+from grs_agents.base.mujoco_import import mujoco
 from grs_agents.sim.hands.hand import ROBOT_CONTYPE
 from grs_agents.sim.hands.two_fingers import PAD_FRICTION
 from grs_agents.sim.world.compilation import World
@@ -14,6 +15,8 @@ from grs_agents.sim.world.grip import WATCHED, Grip
 
 _SHARE: Final = 0.5
 """Share of the friction available to weight and motion: a twofold safety factor, as for the cup."""
+
+_TRIED_WIDTHS: Final = 6
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,17 @@ class Fingers(Grip):
         self._data.qpos[self._index.positions] = width / 2
         self._data.qvel[self._index.velocities] = 0.0
         self.command(width, self.force)
+
+    def narrow_to(self, width: float) -> float:
+        """Set the fingers to a width, or as near to it as they come without contact; returns the width."""
+        widest = self.width
+        for share in np.linspace(0.0, 1.0, _TRIED_WIDTHS):
+            self.set_width(width + share * (widest - width))
+            mujoco.mj_kinematics(self._world.model, self._data)
+            mujoco.mj_collision(self._world.model, self._data)
+            if not self._robot[self._data.contact.geom].any():
+                break
+        return self.width
 
     @property
     def openness(self) -> float:

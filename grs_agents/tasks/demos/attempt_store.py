@@ -25,7 +25,7 @@ from grs_agents.tasks.demos.types import CameraModel, Demonstration, Dropped
 _ORDER: Final = "order.json"
 _ARRAYS: Final = (
     *("joint_positions", "joint_velocities", "tip", "suction", "objects", "targets", "held", "open"),
-    *("actions", "executed_actions", "rewards"),
+    *("actions", "executed_actions", "rewards", "gripper"),
 )
 _IMAGE: Final = "image:"
 _MOST_DIRECTORY: Final = 1 << 20
@@ -91,7 +91,9 @@ class AttemptStore:
                 self._attempt_file(attempt, "json"), result.model_dump(), durable=True
             )
         else:
-            arrays: dict[str, Any] = {name: getattr(result, name) for name in _ARRAYS}
+            arrays: dict[str, Any] = {
+                name: getattr(result, name) for name in _ARRAYS if getattr(result, name) is not None
+            }
             arrays |= {_IMAGE + name: images for name, images in result.images.items()}
             names = [part.name for part in fields(result) if part.name not in (*_ARRAYS, "images", "cameras")]
             header: dict[str, Any] = {name: getattr(result, name) for name in names}

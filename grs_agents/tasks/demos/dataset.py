@@ -75,6 +75,7 @@ def write_dataset(store: AttemptStore, kind: Format, out: Path, folder: TaskFold
         robot=first.robot,
         rate=first.rate,
         joint_names=first.joint_names,
+        gripper=first.gripper is not None,
         object_names=first.object_names,
         cameras=first.cameras,
         versions=installed_versions(),

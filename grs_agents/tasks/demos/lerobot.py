@@ -44,7 +44,7 @@ _SAMPLED: Final = 20
 def write_lerobot(demonstrations: Iterable[Demonstration], card: DatasetCard, folder: Path) -> None:
     """Write a data set into an empty folder; its pictures have an even number of rows and columns.
 
-    Each frame has ``observation.state`` (joint positions, suction holding, tip position),
+    Each frame has ``observation.state`` (joint positions, suction holding, tip position, width of the fingers),
     ``observation.velocity``, ``observation.environment_state`` (objects' poses), ``observation.images.<camera>``,
     ``observation.targets``, ``observation.held``, ``observation.open``, ``action``, ``executed_action``,
     ``next.reward``, ``next.done`` and ``next.success``.
@@ -74,7 +74,9 @@ class _Writer:
         task = self._tasks.setdefault(demonstration.language, len(self._tasks))
         last = np.arange(steps) == steps - 1
         held = demonstration.suction[:, None].astype(np.float32)
-        state = np.concatenate([demonstration.joint_positions, held, demonstration.tip[:, :3]], axis=1)
+        parts = [demonstration.joint_positions, held, demonstration.tip[:, :3]]
+        parts += [] if demonstration.gripper is None else [demonstration.gripper]
+        state = np.concatenate(parts, axis=1)
         columns: dict[str, npt.NDArray[Any]] = {
             "observation.state": state[:-1],
             "observation.velocity": demonstration.joint_velocities[:-1],
@@ -169,17 +171,18 @@ def _describe_features(card: DatasetCard) -> dict[str, Any]:
     def describe_scalar_feature(kind: str) -> dict[str, Any]:
         return {"dtype": kind, "shape": [1], "names": None}
 
-    joints = list(card.joint_names)
+    joints, fingers = list(card.joint_names), ["gripper"] if card.gripper else []
+    acting = [*joints, *(fingers or ["suction"])]
     poses = [f"{name}.{part}" for name in card.object_names for part in ("x", "y", "z", "qx", "qy", "qz", "qw")]
     features = {
-        "observation.state": describe_vector_feature([*joints, "suction", "tip.x", "tip.y", "tip.z"]),
+        "observation.state": describe_vector_feature([*joints, "suction", "tip.x", "tip.y", "tip.z", *fingers]),
         "observation.velocity": describe_vector_feature(joints),
         "observation.environment_state": describe_vector_feature([name.replace("/", ":") for name in poses]),
         "observation.targets": describe_vector_feature([name.replace("/", ":") for name in poses]),
         "observation.held": describe_vector_feature([name.replace("/", ":") for name in card.object_names]),
         "observation.open": describe_vector_feature([name.replace("/", ":") for name in card.object_names]),
-        "action": describe_vector_feature([*joints, "suction"]),
-        "executed_action": describe_vector_feature([*joints, "suction"]),
+        "action": describe_vector_feature(acting),
+        "executed_action": describe_vector_feature(acting),
         "next.reward": describe_scalar_feature("float32"),
         "next.done": describe_scalar_feature("bool"),
         "next.success": describe_scalar_feature("bool"),

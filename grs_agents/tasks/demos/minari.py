@@ -20,8 +20,7 @@ def minari_id(card: DatasetCard) -> str:
 def write_minari(demonstrations: Iterable[Demonstration], card: DatasetCard, folder: Path) -> None:
     """Write the data set ``minari_id(card)`` into a folder, which ``MINARI_DATASETS_PATH`` is to name.
 
-    Observations: ``joint_positions``, ``joint_velocities``, ``tip``, ``suction``, ``objects`` and, of each camera, its
-    pictures, which Minari keeps as JPEG.
+    Observations are those of the environment, with the pictures of each camera by its name, which Minari keeps as JPEG.
     """
     from gymnasium.envs import registration
 
@@ -45,6 +44,8 @@ def write_minari(demonstrations: Iterable[Demonstration], card: DatasetCard, fol
         "held": spaces.Box(0, 1, (len(card.object_names),), np.float32),
         "open": spaces.Box(0, 1, (len(card.object_names),), np.float32),
     }
+    if card.gripper:
+        parts["gripper"] = make_unbounded_box(1)
     for camera in card.cameras:
         parts[camera.name] = spaces.Box(0, 255, (camera.height, camera.width, 3), np.uint8)
     observations, actions = spaces.Dict(parts), make_unbounded_box(dof + 1)
@@ -62,7 +63,7 @@ def write_minari(demonstrations: Iterable[Demonstration], card: DatasetCard, fol
             "env_spec": replace(registered, kwargs=card.environment_arguments).to_json(),
             "algorithm_name": "the expert of GRS",
             "requirements": [f"grs-agents=={card.versions['grs-agents']}"],
-            "description": f"Demonstrations of {card.name} at {card.rate:g} Hz; action: joint positions, suction.",
+            "description": f"Demonstrations of {card.name} at {card.rate:g} Hz; action: joint positions, hand.",
         }
     )
 
@@ -93,6 +94,7 @@ def _make_episode_buffers(demonstrations: Iterable[Demonstration], metadata: lis
                 "targets": demonstration.targets,
                 "held": demonstration.held,
                 "open": demonstration.open,
+                **({"gripper": demonstration.gripper} if demonstration.gripper is not None else {}),
                 **demonstration.images,
             },
             actions=demonstration.actions,

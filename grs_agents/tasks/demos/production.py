@@ -380,6 +380,7 @@ class Replayer:
             joint_velocities=columns["joint_velocities"],
             tip=columns["tip"],
             suction=columns["suction"][:, 0] > 0,
+            gripper=columns.get("gripper"),
             objects=columns["objects"],
             object_names=tuple(f"{item.asset}#{item.id}" for item in instance.task_objects),
             targets=columns["targets"],

@@ -21,9 +21,9 @@ _HELD_OUT: Final = 10
 def write_robomimic(demonstrations: Iterable[Demonstration], card: DatasetCard, folder: Path) -> None:
     """Write ``demos.hdf5`` into a folder.
 
-    Observations: ``robot0_joint_pos``, ``robot0_joint_vel``, ``robot0_eef_pos``, ``robot0_eef_quat``, ``suction``,
-    ``object`` (objects' poses), ``target`` (their places'), ``held``, ``open`` and ``<camera>_image``. Pictures are
-    kept without loss.
+    Observations: ``robot0_joint_pos``, ``robot0_joint_vel``, ``robot0_eef_pos``, ``robot0_eef_quat``, ``suction``, of
+    fingers ``robot0_gripper_qpos`` (their width), ``object`` (objects' poses), ``target`` (their places'), ``held``,
+    ``open`` and ``<camera>_image``. Pictures are kept without loss.
     """
     h5py: Any = import_module("h5py")
     with h5py.File(folder / FILE, "w") as file:
@@ -62,6 +62,8 @@ def _write_episode(group: Any, demonstration: Demonstration) -> None:
         "held": demonstration.held,
         "open": demonstration.open,
     }
+    if demonstration.gripper is not None:
+        low_dimensional["robot0_gripper_qpos"] = demonstration.gripper
     group.attrs["num_samples"], group.attrs["model_file"] = demonstration.steps, ""
     for name in ("attempt", "base_seed", "instance_hash", "instance", "language", "strict"):
         group.attrs[name] = getattr(demonstration, name)

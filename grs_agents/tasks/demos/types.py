@@ -48,13 +48,15 @@ class Demonstration:
     joint_positions: Floats  # (T + 1, dof)
     joint_velocities: Floats  # (T + 1, dof)
     tip: Floats  # (T + 1, 7) position of the cup's tip, rotation from straight down
-    suction: npt.NDArray[np.bool_]  # (T + 1,) whether the cup holds an object
+    suction: npt.NDArray[np.bool_]  # (T + 1,) whether the hand holds an object
     objects: Floats  # (T + 1, N, 7)
     object_names: tuple[str, ...]  # N, asset name and id in the instance
     targets: Floats  # (T + 1, N, 7) nearest place that a goal wants each object at, its own pose without any
     held: Floats  # (T + 1, N) 1 for the object in the hand
     open: Floats  # (T + 1, N) 1 for objects that are not at their place yet
-    actions: Floats  # (T, dof + 1) joint positions at the next step, then suction: 1 on, -1 off
+    # (T, dof + 1) joint positions at the next step, then the hand: 1 to hold; suction off is -1, fingers open to the
+    # share of their stroke that is the negative value
+    actions: Floats
     executed_actions: Floats  # (T, dof + 1) what was carried out: ``actions``, with noise in noisy replays
     rewards: Floats  # (T,) 1 for the step that solves the task, else 0
     strict: float  # strict score at the end, 0..1
@@ -62,6 +64,7 @@ class Demonstration:
         default_factory=dict[str, npt.NDArray[np.uint8]]
     )  # (T + 1, H, W, 3)
     cameras: tuple[CameraModel, ...] = ()
+    gripper: Floats | None = None  # (T + 1, 1) width between the pads, metres, of a hand with fingers
     attempt: int = 0  # number of the attempt; with the order's seed, the seed of the variation
     base_seed: int = 0  # of the instance, or of the instance that it varies
 
@@ -88,6 +91,7 @@ class DatasetCard(Frozen):
     robot: str
     rate: float  # Hz
     joint_names: tuple[str, ...]
+    gripper: bool = False  # whether the hand has fingers
     object_names: tuple[str, ...]
     cameras: tuple[CameraModel, ...]
     versions: dict[str, str]  # of the packages that the result depends on

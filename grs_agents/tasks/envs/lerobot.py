@@ -12,7 +12,7 @@ from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 from grs_agents.tasks.envs.gym_environment import GrsEnv
 
 _AGENT: Final = ("joint_positions", "suction")
-"""Parts of the state in ``agent_pos``, followed by the position of the tip."""
+"""Parts of the state in ``agent_pos``, followed by the position of the tip and the width of fingers."""
 
 _SIDES: Final = ("low", "high")
 
@@ -21,7 +21,8 @@ class LeRobotEnv(gymnasium.ObservationWrapper[dict[str, Any], Any, dict[str, Any
     """Observations under the keys that LeRobot renames to those of its data sets.
 
     * ``pixels``: a picture (H, W, 3) uint8 of each camera, by its name.
-    * ``agent_pos`` (dof + 4,): joint positions, suction holding, position of the tip.
+    * ``agent_pos`` (dof + 4,): joint positions, suction holding, position of the tip; (dof + 5,) with fingers, whose
+      width is last.
     * ``environment_state`` (7 N,): the poses of the task's objects.
     """
 
@@ -46,6 +47,7 @@ class LeRobotEnv(gymnasium.ObservationWrapper[dict[str, Any], Any, dict[str, Any
 
     def _to_lerobot_observation(self, observation: Mapping[str, Any]) -> dict[str, Any]:
         agent = [*(observation[name] for name in _AGENT), observation["tip"][:3]]
+        agent += [observation["gripper"]] if "gripper" in observation else []
         renamed = {"agent_pos": np.concatenate(agent), "environment_state": observation["objects"].ravel()}
         pixels = {camera: observation[f"{camera}_rgb"] for camera in self._cameras}
         return {**renamed, **({"pixels": pixels} if pixels else {})}
@@ -68,7 +70,7 @@ def make_env(
             ``observation_width`` are used.
         arguments: further arguments of ``GrsEnv``.
 
-    Actions are those of our data sets: joint positions, then suction.
+    Actions are those of our data sets: joint positions, then the hand.
     """
     given: dict[str, Any] = {
         "control": "joint_position",

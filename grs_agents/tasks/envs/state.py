@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.sim.arms.arm import Arm
+from grs_agents.sim.hands.two_fingers import TwoFingerHand
 from grs_agents.tasks.envs.goal_progress import GoalProgress, ShapingState
 from grs_agents.tasks.envs.task_episode import TaskEpisode
 
@@ -28,6 +29,7 @@ class StateReader:
     * ``objects`` (N, 7): poses of the task's objects, in the instance's order; zeros for rows beyond them.
     * ``targets`` (N, 7): the place that a goal wants each of them at, its own pose without any.
     * ``open`` (N,): 1 for objects that are not at their place yet.
+    * ``gripper`` (1,): width between the pads, metres; of a hand with fingers alone.
     """
 
     def __init__(self, arm: Arm, rows: int) -> None:
@@ -42,6 +44,8 @@ class StateReader:
             "targets": ([-bound for bound in _POSE] * rows, _POSE * rows),
             "open": ([0.0] * rows, [1.0] * rows),
         }
+        if isinstance(arm.hand, TwoFingerHand):
+            limits["gripper"] = [0.0], [arm.hand.stroke]
         self.shapes = {name: (len(low),) for name, (low, _) in limits.items()}
         self.shapes |= {"objects": (rows, 7), "targets": (rows, 7)}
         self._low = np.concatenate([np.asarray(low, dtype=np.float32) for low, _ in limits.values()])
@@ -88,6 +92,8 @@ class StateReader:
         flat[parts["suction"]] = held is not None
         if row >= 0:
             flat[parts["held"].start + row] = 1.0
+        if "gripper" in parts:
+            flat[parts["gripper"]] = physics.fingers.width
         for name, values in (("objects", poses), ("targets", progress.targets), ("open", progress.open)):
             begin = parts[name].start
             flat[begin : begin + values.size] = values.ravel()

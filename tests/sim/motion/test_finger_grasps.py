@@ -34,7 +34,7 @@ def heavier(env: Environment, number: int, mass: float) -> Environment:
 
 def grasps(env: Environment, number: int) -> Grasps:
     others = [env.object_prism(item.id) for item in env.objects if item.id != number]
-    return env.end_effector.find_grasps(env.physics, number, env.object_prism(number), others)
+    return env.end_effector.find_grasps(env.physics, number, env.object_prism(number), others, wanted=4)
 
 
 @pytest.mark.parametrize("hand", HANDS)
@@ -73,6 +73,17 @@ def test_grasps_close_across_the_narrow_side() -> None:
     axes = hand_axes(grasps(env, 1).poses[0])
     assert abs(axes[0, 1]) > 0.95
     assert axes[2, 2] < -0.99
+
+
+def test_a_search_ends_with_as_many_as_are_wanted_and_looks_anew_when_things_move() -> None:
+    env = table(("block/block.urdf", (0.5, 0.0, 0.02)))
+    several = grasps(env, 1).poses
+    (best,) = env.end_effector.find_grasps(env.physics, 1, env.object_prism(1), ()).poses
+    assert best == several[0]
+    assert grasps(env, 1).poses == several
+    (x, y, z), turn = best
+    env.pick_place(best, ((x, y - 0.2, z), turn))
+    assert grasps(env, 1).poses[0][0] == pytest.approx((x, y - 0.2, z), abs=0.002)
 
 
 def test_what_is_too_wide_is_told_with_its_width() -> None:

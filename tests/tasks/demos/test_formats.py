@@ -12,7 +12,7 @@ from grs_agents.envs import GrsEnv
 from grs_agents.tasks.demos.attempt_store import AttemptStore
 from grs_agents.tasks.demos.dataset import write_dataset
 from grs_agents.tasks.demos.production import make_demonstrations
-from grs_agents.tasks.demos.types import Demonstration, Format
+from grs_agents.tasks.demos.types import FORMATS, Demonstration, Format
 from grs_agents.tasks.task_folder import open_task_folder
 from tests.gantry import GANTRY
 from tests.needs import needs
@@ -92,6 +92,31 @@ def test_minari(blocks: Path, kept: Path, demonstrations: list[Demonstration], t
         np.testing.assert_array_equal(episode.observations["objects"], one.objects)
         assert episode.observations["wrist"].shape == one.images["wrist"].shape
         assert episode.terminations.tolist() == [False] * (one.steps - 1) + [True]
+
+
+@needs("pyarrow", "av", "h5py", "minari")
+def test_fingers_have_the_keys_of_each_format(
+    finger_blocks: Path, kept_fingers: Path, finger_demonstration: Demonstration, tmp_path: Path
+) -> None:
+    one = finger_demonstration
+    lerobot, robomimic, minari = (write(kind, finger_blocks, kept_fingers, tmp_path / kind) for kind in FORMATS)
+    assert one.gripper is not None
+    features = json.loads((lerobot / "meta/info.json").read_text(encoding="utf-8"))["features"]
+    assert features["observation.state"]["names"][-1] == features["action"]["names"][-1] == "gripper"
+    frames = import_module("pyarrow.parquet").read_table(lerobot / "data/chunk-000/file-000.parquet").to_pydict()
+    np.testing.assert_array_equal(np.array(frames["observation.state"])[:, -1], one.gripper[:-1, 0])
+    with import_module("h5py").File(robomimic / "demos.hdf5") as file:
+        np.testing.assert_array_equal(file["data/demo_0/next_obs/robot0_gripper_qpos"], one.gripper[1:])
+    data = import_module("minari").MinariDataset(minari / "grs/blocks-v0/data")
+    (episode,) = data.iterate_episodes()
+    np.testing.assert_array_equal(episode.observations["gripper"], one.gripper)
+    env = GrsEnv(lerobot, control="joint_position", normalized=False)
+    (observation, _), solved = env.reset(options={"instance": 0}), False
+    assert set(observation) == set(episode.observations)
+    for step, action in enumerate(one.executed_actions, 1):
+        observation, _, solved, _, _ = env.step(action)
+        assert observation["gripper"] == pytest.approx(one.gripper[step], abs=1e-6)
+    assert solved
 
 
 @pytest.mark.parametrize("kind", ["lerobot", "robomimic", "minari"])

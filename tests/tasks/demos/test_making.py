@@ -183,12 +183,8 @@ def test_a_data_set_is_a_task_folder_too(blocks: Path, kept: Path, tmp_path: Pat
     assert folder.read_instance(0) == two_blocks(0)
 
 
-def test_fingers_are_recorded_as_what_they_are_told(tmp_path: Path) -> None:
-    fingers = two_blocks(0).model_copy(update={"robot": "ur5e", "hand": "robotiq_2f85"})
-    folder = write_instances(tmp_path / "blocks", fingers)
-    order = QUICK.model_copy(update={"episodes": 1})
-    made = make_demonstrations(open_task_folder(folder), order, tmp_path / "work", lambda _: None)
-    (one,) = made.demonstrations()
+def test_fingers_are_recorded_as_what_they_are_told(finger_demonstration: Demonstration) -> None:
+    one = finger_demonstration
     last = one.actions[:, -1]
     assert last.max() == 1.0
     assert ((last > 0) | ((last <= 0) & (last >= -1))).all()
@@ -196,3 +192,8 @@ def test_fingers_are_recorded_as_what_they_are_told(tmp_path: Path) -> None:
     assert -1.0 < last[last <= 0].mean() < 0.0
     assert one.suction.any()
     assert one.strict >= 0.985
+    assert one.gripper is not None
+    width, held = one.gripper[:, 0], one.suction
+    assert width[0] == pytest.approx(0.085, abs=1e-4)
+    assert np.ptp(width[held][5:-5]) < 0.001  # on the block
+    assert width[held][5:-5].mean() == pytest.approx(0.04, abs=0.003)
