@@ -154,6 +154,7 @@ NEEDS = {
     "minari": _package("minari", 'pip install "grs-agents[minari]"'),
     "pillow_heif": _package("pillow_heif", 'pip install "grs-agents[heic]"'),
     "rosbags": _package("rosbags", 'pip install "grs-agents[rosbags]"'),
+    "viser": _package("viser", 'pip install "grs-agents[edit]"'),
     "lzfse": _package("lzfse", 'pip install "grs-agents[record3d]"'),
     "objaverse": _package("objaverse", 'pip install "grs-agents[objaverse]"'),
     "langgraph_api": _package("langgraph_api", 'pip install "langgraph-cli[inmem]"'),

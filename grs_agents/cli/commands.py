@@ -201,6 +201,37 @@ def scene(
 
 
 @app.command(rich_help_panel="Make")
+def edit(
+    scene: Scene,
+    config: ConfigFile = None,
+    settings: Settings = None,
+    models: Models = None,
+    camera: Camera = None,
+    depth_scale: DepthScale = None,
+    robot: Robot = None,
+    hand: Hand = None,
+    seed: Seed = None,
+    out: Out = None,
+    edits: Edits = None,
+    port: Annotated[
+        int, typer.Option("--port", help="Of the page on 127.0.0.1; 0 for a free one.", metavar="N", min=0, max=65535)
+    ] = 0,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Only print the address of the page.")] = False,
+) -> None:
+    """Correct the scene of a photo or run on a page."""
+    from grs_agents.views.edit_page.guard import require_viser
+
+    require_viser()
+    from grs_agents.cli.edit import edit_scene
+
+    settings = add_camera_settings(add_model_setting(settings, models), camera, depth_scale)
+    settings = add_robot_settings(settings, robot, hand)
+    perception = load_effective_config(config, [*settings, "graph=scene"], seed)
+    chosen = load_effective_config(config, settings, seed)
+    sys.exit(edit_scene(scene, perception, chosen, out, edits, port, not no_browser))
+
+
+@app.command(rich_help_panel="Make")
 def check(
     simulation: Annotated[
         Path, typer.Argument(help="A simulation program: a Python file with a Task subclass; or a run folder.")
@@ -428,7 +459,7 @@ def instances(
     workers: Workers = 2,
     json: Json = False,
 ) -> None:
-    """Make more instances of an accepted run, as data, or the same for other robots.
+    """Make more instances of an accepted run, or the same for other robots.
 
     Each is a variation of an instance of the run, and the expert has solved it. With --robot or --hand a table says
     which robots solve the task.

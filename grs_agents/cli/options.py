@@ -60,7 +60,9 @@ DepthScale = Annotated[
 Json = Annotated[bool, typer.Option("--json", help="Print JSON alone on stdout.")]
 Out = Annotated[Path | None, typer.Option("--out", help="The run folder; runs/<id> by default.", metavar="DIR")]
 Resume = Annotated[bool, typer.Option("--resume", help="Go on with the run in --out where it stopped.")]
-Edits = Annotated[Path | None, typer.Option("--edits", help="Correct the scene by a file of edits.", metavar="FILE")]
+Edits = Annotated[
+    Path | None, typer.Option("--edits", help="Correct the scene by the edits of grs edit.", metavar="FILE")
+]
 Record = Annotated[Path | None, typer.Option("--record", help="Write every exchange with the models.", metavar="FILE")]
 Cassette = Annotated[
     str | None,

@@ -123,7 +123,7 @@ _RANKED = 10  # assets that a person may choose from
 
 
 @dataclass(frozen=True, eq=False)
-class Thing:
+class EditedObject:
     """An object of a scene that is edited."""
 
     item: SceneObject
@@ -143,7 +143,7 @@ class EditedScene:
     before: SceneDescription
     photo: RGBDFrame
     table: TableFrame
-    things: tuple[Thing, ...]
+    objects: tuple[EditedObject, ...]
     left_out: Mask  # (H, W) pixels of scenery and robot
     robot: Mask  # (H, W)
     blur: Mask  # (H, W) pixels beside objects that have their depth, but not their colour
@@ -153,7 +153,7 @@ class EditedScene:
     first_free: int  # number
     lines: tuple[str, ...]  # the edits in words
 
-    def find(self, place: Pixel) -> Thing:
+    def find(self, place: Pixel) -> EditedObject:
         """The object at a pixel, the smallest of several.
 
         Raises:
@@ -164,16 +164,16 @@ class EditedScene:
         if column < columns and row < rows:
             around = np.s_[max(0, row - _NEAR) : row + _NEAR + 1, max(0, column - _NEAR) : column + _NEAR + 1]
             for window in (np.s_[row : row + 1, column : column + 1], around):
-                hit = [thing for thing in self.things if thing.mask[window].any()]
+                hit = [edited for edited in self.objects if edited.mask[window].any()]
                 if hit:
-                    return min(hit, key=lambda thing: int(np.count_nonzero(thing.mask)))
-        shown = [f"{thing.item.name} at {inner_pixel(thing.mask)}" for thing in self.things[:_NAMED]]
+                    return min(hit, key=lambda edited: int(np.count_nonzero(edited.mask)))
+        shown = [f"{edited.item.name} at {inner_pixel(edited.mask)}" for edited in self.objects[:_NAMED]]
         raise InputError(f"there is no object at the pixel {column}, {row}", f"name a pixel of {'; '.join(shown)}")
 
-    def replace_thing(self, old: Thing, new: Thing) -> "EditedScene":
+    def replace_object(self, old: EditedObject, new: EditedObject) -> "EditedScene":
         """The scene with another state of an object."""
-        things = tuple(new if thing is old else thing for thing in self.things)
-        return replace(self, things=things, slugs=self.slugs | {Path(new.item.asset).stem, new.item.name})
+        objects = tuple(new if edited is old else edited for edited in self.objects)
+        return replace(self, objects=objects, slugs=self.slugs | {Path(new.item.asset).stem, new.item.name})
 
 
 def open_edited_scene(scene: SceneDescription, frame: RGBDFrame, folder: Path) -> EditedScene:
@@ -188,11 +188,11 @@ def open_edited_scene(scene: SceneDescription, frame: RGBDFrame, folder: Path) -
         name: load_mask(file) if path_exists(file := folder / f"scene/{name}.png") else np.zeros(shape, np.bool_)
         for name in names
     }
-    things: list[Thing] = []
+    objects: list[EditedObject] = []
     for item in scene.objects:
         mask = load_mask(folder / item.mask)
-        things.append(Thing(item, mask, item.settled or (item.position, item.orientation)))
-    sized = {**masks, **{thing.item.mask: thing.mask for thing in things}}
+        objects.append(EditedObject(item, mask, item.settled or (item.position, item.orientation)))
+    sized = {**masks, **{edited.item.mask: edited.mask for edited in objects}}
     for name, mask in sized.items():
         if mask.shape != shape:
             raise InputError(f"{folder}: the mask {name} is of another size than the photo", "make the scene again")
@@ -200,7 +200,7 @@ def open_edited_scene(scene: SceneDescription, frame: RGBDFrame, folder: Path) -
         before=scene,
         photo=frame,
         table=scene.frame,
-        things=tuple(things),
+        objects=tuple(objects),
         **masks,
         above=raised_pixel_mask(frame, scene.frame, masks["left_out"], masks["robot"]) & ~masks["blur"],
         removed=(),
@@ -220,17 +220,17 @@ def apply_edit(scene: EditedScene, edit: Edit, services: Services) -> EditedScen
     match edit:
         case Add():
             mask = _mask_of_rectangle(scene, edit.rectangle, edit.runs, services)
-            covered = [t for t in scene.things if 2 * np.count_nonzero(t.mask & mask) > np.count_nonzero(t.mask)]
+            covered = [t for t in scene.objects if 2 * np.count_nonzero(t.mask & mask) > np.count_nonzero(t.mask)]
             scene = _add_object(_without(scene, covered), mask, services)
-            line = f"{scene.things[-1].item.name} is added at {edit.rectangle}"
+            line = f"{scene.objects[-1].item.name} is added at {edit.rectangle}"
         case Merge():
             pieces = list(dict.fromkeys(scene.find(place) for place in edit.places))
-            names = " and ".join(thing.item.name for thing in pieces)
+            names = " and ".join(edited.item.name for edited in pieces)
             if len(pieces) < 2:
                 raise InputError(f"all places are of {names}", "name pixels of at least two objects")
-            mask = np.any([thing.mask for thing in pieces], axis=0)
+            mask = np.any([edited.mask for edited in pieces], axis=0)
             scene = _add_object(_without(scene, pieces), mask, services)
-            line = f"{names} are one object, {scene.things[-1].item.name}"
+            line = f"{names} are one object, {scene.objects[-1].item.name}"
         case Split():
             whole = scene.find(edit.place)
             inside = edit.rectangle.mask(_shape(scene)) & whole.mask
@@ -244,60 +244,60 @@ def apply_edit(scene: EditedScene, edit: Edit, services: Services) -> EditedScen
             scene = _without(scene, [whole])
             for part in parts:
                 scene = _add_object(scene, part, services)
-            line = f"{whole.item.name} is split into {' and '.join(t.item.name for t in scene.things[-2:])}"
+            line = f"{whole.item.name} is split into {' and '.join(t.item.name for t in scene.objects[-2:])}"
         case Delete():
-            thing = scene.find(edit.place)
-            line = f"{thing.item.name} is no object"
-            scene = _remove(scene, thing, "deleted by a person")
+            edited = scene.find(edit.place)
+            line = f"{edited.item.name} is no object"
+            scene = _remove(scene, edited, "deleted by a person")
         case Mark(kind="container"):
-            thing = scene.find(edit.place)
-            line = f"{thing.item.name} is a container"
-            scene = _rebuild(scene, thing, REBUILT, services, hollow=True)
+            edited = scene.find(edit.place)
+            line = f"{edited.item.name} is a container"
+            scene = _rebuild(scene, edited, REBUILT, services, hollow=True)
         case Mark():
-            thing = scene.find(edit.place)
+            edited = scene.find(edit.place)
             kind = "the robot" if edit.kind == "robot" else "scenery"
-            line = f"{thing.item.name} is {kind}"
-            robot = scene.robot | thing.mask if edit.kind == "robot" else scene.robot
-            scene = _remove(scene, thing, f"{kind}, by a person")
-            left_out = scene.left_out | thing.mask
+            line = f"{edited.item.name} is {kind}"
+            robot = scene.robot | edited.mask if edit.kind == "robot" else scene.robot
+            scene = _remove(scene, edited, f"{kind}, by a person")
+            left_out = scene.left_out | edited.mask
             above = raised_pixel_mask(scene.photo, scene.table, left_out, robot) & ~scene.blur
             scene = replace(scene, left_out=left_out, robot=robot, above=above)
         case Rename():
-            thing = scene.find(edit.place)
-            name = unique_object_name(edit.name, [other.item.name for other in scene.things if other is not thing])
-            line = f"{thing.item.name} is renamed to {name}"
+            edited = scene.find(edit.place)
+            name = unique_object_name(edit.name, [other.item.name for other in scene.objects if other is not edited])
+            line = f"{edited.item.name} is renamed to {name}"
             words = {"name": name, "description": edit.name}
-            if not thing.item.matched:  # an asset of the library has a category of its own
-                nouns = [word for word in edit.name.split() if word.lower() != thing.item.color.lower()]
+            if not edited.item.matched:  # an asset of the library has a category of its own
+                nouns = [word for word in edit.name.split() if word.lower() != edited.item.color.lower()]
                 words["category"] = " ".join(nouns) or edit.name
-            scene = scene.replace_thing(thing, replace(thing, item=thing.item.model_copy(update=words)))
+            scene = scene.replace_object(edited, replace(edited, item=edited.item.model_copy(update=words)))
         case ChooseAsset():
-            thing = scene.find(edit.place)
+            edited = scene.find(edit.place)
             if edit.asset == AS_SEEN:
-                scene = _rebuild(scene, thing, REBUILT, services)
-                line = f"{thing.item.name} is rebuilt as seen"
+                scene = _rebuild(scene, edited, REBUILT, services)
+                line = f"{edited.item.name} is rebuilt as seen"
             else:
                 services.library.asset(edit.asset)  # GrsError with the nearest names
                 chosen = MatchEvidence(
                     match="asset", asset=edit.asset, method=BY_PERSON, confidence=1.0, reason="chosen by a person"
                 )
-                scene = _rebuild(scene, thing, chosen, services)
-                line = f"{thing.item.name} is {edit.asset}"
+                scene = _rebuild(scene, edited, chosen, services)
+                line = f"{edited.item.name} is {edit.asset}"
         case ChooseShape():
-            thing = scene.find(edit.place)
-            scene = _use_primitive(scene, thing, edit, services)
-            line = f"{thing.item.name} is a {edit.shape}"
+            edited = scene.find(edit.place)
+            scene = _use_primitive(scene, edited, edit, services)
+            line = f"{edited.item.name} is a {edit.shape}"
         case Move():
-            thing = scene.find(edit.place)
-            line = describe_edit(edit).replace(f"the object at {edit.place[0]}, {edit.place[1]}", thing.item.name)
-            scene = _move(scene, thing, edit, services.library)
+            edited = scene.find(edit.place)
+            line = describe_edit(edit).replace(f"the object at {edit.place[0]}, {edit.place[1]}", edited.item.name)
+            scene = _move(scene, edited, edit, services.library)
         case SetMass() | SetFriction():
-            thing = scene.find(edit.place)
-            item = thing.item.model_copy(
+            edited = scene.find(edit.place)
+            item = edited.item.model_copy(
                 update={"mass": edit.mass} if isinstance(edit, SetMass) else {"friction": edit.friction}
             )
-            line = describe_edit(edit).replace(f"the object at {edit.place[0]}, {edit.place[1]}", thing.item.name)
-            scene = scene.replace_thing(thing, replace(thing, item=item))
+            line = describe_edit(edit).replace(f"the object at {edit.place[0]}, {edit.place[1]}", edited.item.name)
+            scene = scene.replace_object(edited, replace(edited, item=item))
             scene = _write_physics(scene, scene.find(edit.place), services)
         case ChooseTable():
             pass  # the node `find_table` has read it
@@ -311,13 +311,13 @@ def _shape(scene: EditedScene) -> tuple[int, int]:
     return rows, columns
 
 
-def _without(scene: EditedScene, gone: Sequence[Thing]) -> EditedScene:
-    return replace(scene, things=tuple(thing for thing in scene.things if thing not in gone))
+def _without(scene: EditedScene, gone: Sequence[EditedObject]) -> EditedScene:
+    return replace(scene, objects=tuple(edited for edited in scene.objects if edited not in gone))
 
 
-def _remove(scene: EditedScene, thing: Thing, reason: str) -> EditedScene:
-    dropped = DroppedCandidate(id=thing.item.id, reason=reason)
-    return replace(_without(scene, [thing]), removed=(*scene.removed, (thing.mask, dropped)))
+def _remove(scene: EditedScene, edited: EditedObject, reason: str) -> EditedScene:
+    dropped = DroppedCandidate(id=edited.item.id, reason=reason)
+    return replace(_without(scene, [edited]), removed=(*scene.removed, (edited.mask, dropped)))
 
 
 def _mask_of_rectangle(
@@ -341,8 +341,8 @@ def _mask_of_rectangle(
 def _measure(scene: EditedScene, mask: Mask, number: int, services: Services) -> TableObject:
     """Measure the object of a mask beside the others, and write its pictures."""
     labels = np.zeros(mask.shape, np.int32)
-    for label, thing in enumerate(scene.things, 2):
-        labels[thing.mask] = label
+    for label, edited in enumerate(scene.objects, 2):
+        labels[edited.mask] = label
     labels[mask] = 1
     counted = int(np.count_nonzero(mask & (scene.photo.depth > 0)))
     try:
@@ -388,15 +388,15 @@ def _place(
         placed = _reconstruct(scene, item, mask, services)
     if name:
         placed = placed.model_copy(update={"name": name})
-    thing = Thing(placed, mask, (placed.position, placed.orientation))
+    edited = EditedObject(placed, mask, (placed.position, placed.orientation))
     slugs = scene.slugs | {placed.name, Path(placed.asset).stem}
-    return replace(scene, things=(*scene.things, thing), slugs=slugs)
+    return replace(scene, objects=(*scene.objects, edited), slugs=slugs)
 
 
 def _reconstruct(scene: EditedScene, item: TableObject, mask: Mask, services: Services) -> SceneObject:
     """The proxy of an object as the photo shows it, clear of all others."""
     photo: Photo = scene.photo, scene.table
-    others = [thing.placed for thing in scene.things]
+    others = [edited.placed for edited in scene.objects]
     cloud = pixels_to_robot_frame(*photo, *pixels_in_mask(mask & (scene.photo.depth > 0)))
     volume = EstimatedVolume(item.upright, item.shape, cloud, item.hollow).lift_bottom_above_occupied(
         lambda points: occupied_points_mask(points, others, services.library)
@@ -428,10 +428,10 @@ def _write_proxy(
     return item.model_copy(update=update)
 
 
-def _measure_again(scene: EditedScene, thing: Thing, services: Services) -> tuple[EditedScene, TableObject]:
+def _measure_again(scene: EditedScene, edited: EditedObject, services: Services) -> tuple[EditedScene, TableObject]:
     """The scene without an object, and the object measured from its mask, with its words."""
-    rest = _without(scene, [thing])
-    item, known = _measure(rest, thing.mask, thing.item.id, services), thing.item
+    rest = _without(scene, [edited])
+    item, known = _measure(rest, edited.mask, edited.item.id, services), edited.item
     words = Description(
         is_object=True,
         description=known.description,
@@ -442,41 +442,40 @@ def _measure_again(scene: EditedScene, thing: Thing, services: Services) -> tupl
     return rest, item.model_copy(update={"description": words})
 
 
-def _keep_place(scene: EditedScene, thing: Thing, new: EditedScene, services: Services) -> EditedScene:
+def _keep_place(scene: EditedScene, edited: EditedObject, new: EditedScene, services: Services) -> EditedScene:
     """The scene with a rebuilt object, the last of ``new``, in the order and with the facts of the former."""
-    built = new.things[-1]
-    facts = {key: getattr(thing.item, key) for key in ("name", "mass", "friction")}
+    built = new.objects[-1]
+    facts = {key: getattr(edited.item, key) for key in ("name", "mass", "friction")}
     built = replace(built, item=built.item.model_copy(update=facts))
-    things = tuple(built if old is thing else old for old in scene.things)
-    edited = replace(new, things=things)
-    return _write_physics(edited, built, services)
+    objects = tuple(built if old is edited else old for old in scene.objects)
+    return _write_physics(replace(new, objects=objects), built, services)
 
 
 def _rebuild(
-    scene: EditedScene, thing: Thing, match: MatchEvidence, services: Services, hollow: bool | None = None
+    scene: EditedScene, edited: EditedObject, match: MatchEvidence, services: Services, hollow: bool | None = None
 ) -> EditedScene:
     """Replace an object by the matched asset, registered to its pixels, or by its reconstruction."""
-    rest, item = _measure_again(scene, thing, services)
+    rest, item = _measure_again(scene, edited, services)
     update = {"match": match, "hollow": item.hollow if hollow is None else hollow}
-    new = _place(rest, item.model_copy(update=update), thing.mask, services, sure=True)
-    return _keep_place(scene, thing, new, services)
+    new = _place(rest, item.model_copy(update=update), edited.mask, services, sure=True)
+    return _keep_place(scene, edited, new, services)
 
 
-def _use_primitive(scene: EditedScene, thing: Thing, edit: ChooseShape, services: Services) -> EditedScene:
+def _use_primitive(scene: EditedScene, edited: EditedObject, edit: ChooseShape, services: Services) -> EditedScene:
     """Replace an object by a primitive of a given or measured size, painted from the photo."""
-    rest, item = _measure_again(scene, thing, services)
+    rest, item = _measure_again(scene, edited, services)
     hollow, solid = edit.shape == "bowl", "box" if edit.shape == "box" else "cylinder"
     box = item.upright
     if edit.size is not None:
         bottom = box.center[2] - box.size[2] / 2
         box = box.model_copy(update={"size": edit.size, "center": (*box.center[:2], bottom + edit.size[2] / 2)})
     view = make_object_view(
-        scene.photo, scene.table, thing.mask, box, max(scene.table.residual, LEAST_DEPTH_NOISE), hollow
+        scene.photo, scene.table, edited.mask, box, max(scene.table.residual, LEAST_DEPTH_NOISE), hollow
     )
     proxy = primitive_proxy(solid, box.size, item.color, hollow, view)
     slug = unique_object_name(edit.shape, sorted(scene.slugs))
     match = MatchEvidence(match="no_asset", method=BY_PERSON, confidence=1.0, reason=f"a {edit.shape}, by a person")
-    placed = thing.item.model_copy(
+    placed = edited.item.model_copy(
         update={
             "match": match,
             "evidence": match.reason,
@@ -485,49 +484,49 @@ def _use_primitive(scene: EditedScene, thing: Thing, edit: ChooseShape, services
             "round": edit.shape != "box",
         }
     )
-    others = [other.placed for other in rest.things]
+    others = [other.placed for other in rest.objects]
     built = _write_proxy(placed, PlacedProxy(slug, placed.description, solid, box, proxy), others, services)
     new = replace(
         rest,
-        things=(*rest.things, Thing(built, thing.mask, (built.position, built.orientation))),
+        objects=(*rest.objects, EditedObject(built, edited.mask, (built.position, built.orientation))),
         slugs=rest.slugs | {slug},
     )
-    return _keep_place(scene, thing, new, services)
+    return _keep_place(scene, edited, new, services)
 
 
-def _write_physics(scene: EditedScene, thing: Thing, services: Services) -> EditedScene:
+def _write_physics(scene: EditedScene, edited: EditedObject, services: Services) -> EditedScene:
     """Give an object an asset of its own, with the mass and friction that a person set."""
-    item = thing.item
+    item = edited.item
     if item.mass is None and item.friction is None:
         return scene
     kept = unique_object_name("edited", sorted(scene.slugs))
     own = write_edited_asset(services.folder / "assets", kept, item.asset, services.library, item.mass, item.friction)
-    edited = scene.replace_thing(thing, replace(thing, item=item.model_copy(update={"asset": own.name})))
-    return replace(edited, slugs=edited.slugs | {kept})
+    changed = scene.replace_object(edited, replace(edited, item=item.model_copy(update={"asset": own.name})))
+    return replace(changed, slugs=changed.slugs | {kept})
 
 
 def find_overlaps(
-    scene: EditedScene, thing: Thing, position: tuple[float, float], yaw: float, library: Library
+    scene: EditedScene, edited: EditedObject, position: tuple[float, float], yaw: float, library: Library
 ) -> tuple[str, ...]:
     """Names of the objects that an object would stand in, or half on, at another position (m) and yaw (rad)."""
-    _, overlaps = _lower(scene, thing, position, yaw, library)
+    _, overlaps = _lower(scene, edited, position, yaw, library)
     return overlaps
 
 
 def _lower(
-    scene: EditedScene, thing: Thing, position: tuple[float, float], yaw: float, library: Library
+    scene: EditedScene, edited: EditedObject, position: tuple[float, float], yaw: float, library: Library
 ) -> tuple[Pose, tuple[str, ...]]:
     """The pose of an object lowered onto the table or the object below, and the names of those that it overlaps."""
-    riders = _riders(scene, thing, library)
-    turn = rotation_about_z(yaw) @ matrix_from_quaternion(thing.pose[1])
-    aloft: Pose = (*position, thing.pose[0][2]), matrix_to_quaternion(turn)
-    (instance,) = to_instance_objects([PlacedObject(thing.item.asset, aloft)], library)
-    model = library.load_object_model(thing.item.asset)
+    riders = _riders(scene, edited, library)
+    turn = rotation_about_z(yaw) @ matrix_from_quaternion(edited.pose[1])
+    aloft: Pose = (*position, edited.pose[0][2]), matrix_to_quaternion(turn)
+    (instance,) = to_instance_objects([PlacedObject(edited.item.asset, aloft)], library)
+    model = library.load_object_model(edited.item.asset)
     body, whole = collider_prisms_at_pose(model, instance.pose), object_prism_at_pose(model, instance.pose)
     obstacles: list[Prism] = []
     overlaps: list[str] = []
-    for other in scene.things:
-        if other is thing or other in riders:
+    for other in scene.objects:
+        if other is edited or other in riders:
             continue
         (still,) = to_instance_objects([other.placed], library)
         other_model = library.load_object_model(other.item.asset)
@@ -544,57 +543,57 @@ def _lower(
 
 def rank_assets(scene: EditedScene, place: Pixel, services: Services) -> tuple[str, ...]:
     """The assets that look most like the object at a pixel by measured features, the best first, at most ten."""
-    thing, config = scene.find(place), services.config
-    upright, item = thing.item.upright, thing.item
+    edited, config = scene.find(place), services.config
+    upright, item = edited.item.upright, edited.item
     if upright is None:
-        _, measured = _measure_again(scene, thing, services)
+        _, measured = _measure_again(scene, edited, services)
         upright = measured.upright
-    segment = Segment(item.id, thing.mask, upright, services.folder / item.crop, int(np.count_nonzero(thing.mask)))
+    segment = Segment(item.id, edited.mask, upright, services.folder / item.crop, int(np.count_nonzero(edited.mask)))
     request = MatchRequest([segment], scene.photo, scene.table, ocr=False, index=config.match.index)
     ranked, _ = rank_assets_per_segment(request, services.library, "no size")[item.id]
     return ranked.names[:_RANKED]
 
 
-def _riders(scene: EditedScene, thing: Thing, library: Library) -> list[Thing]:
+def _riders(scene: EditedScene, edited: EditedObject, library: Library) -> list[EditedObject]:
     """The objects that stand on or in an object, or on these."""
-    bodies = [body_from_asset(str(number), it.item.asset, it.pose, library) for number, it in enumerate(scene.things)]
+    bodies = [body_from_asset(str(number), it.item.asset, it.pose, library) for number, it in enumerate(scene.objects)]
     below = {int(it.subject): int(it.reference) for it in find_spatial_relations(bodies) if it.kind != "touching"}
-    carried, base = set[int](), {scene.things.index(thing)}
+    carried, base = set[int](), {scene.objects.index(edited)}
     while more := {upper for upper, lower in below.items() if lower in carried | base} - carried - base:
         carried |= more
-    return [scene.things[number] for number in sorted(carried)]
+    return [scene.objects[number] for number in sorted(carried)]
 
 
-def _move(scene: EditedScene, thing: Thing, edit: Move, library: Library) -> EditedScene:
+def _move(scene: EditedScene, edited: EditedObject, edit: Move, library: Library) -> EditedScene:
     """Move an object and the objects on it."""
-    pose, overlaps = _lower(scene, thing, edit.position, edit.yaw, library)
+    pose, overlaps = _lower(scene, edited, edit.position, edit.yaw, library)
     if overlaps:
         raise InputError(
-            f"{thing.item.name} would stand in or half on {', '.join(overlaps)}",
+            f"{edited.item.name} would stand in or half on {', '.join(overlaps)}",
             "move it until its centre is over the object that it shall stand on, or clear of it",
         )
-    turn, riders = rotation_about_z(edit.yaw), _riders(scene, thing, library)
+    turn, riders = rotation_about_z(edit.yaw), _riders(scene, edited, library)
 
-    def shift(moved: Thing) -> Thing:
-        offset = turn @ np.subtract(moved.pose[0], thing.pose[0])
+    def shift(moved: EditedObject) -> EditedObject:
+        offset = turn @ np.subtract(moved.pose[0], edited.pose[0])
         place = to_vec3(offset + pose[0])
         rotation = matrix_to_quaternion(turn @ matrix_from_quaternion(moved.pose[1]))
-        return _at_pose(moved, (place, rotation), turn, np.array(pose[0]) - turn @ np.array(thing.pose[0]))
+        return _at_pose(moved, (place, rotation), turn, np.array(pose[0]) - turn @ np.array(edited.pose[0]))
 
-    things = tuple(shift(other) if other is thing or other in riders else other for other in scene.things)
-    return replace(scene, things=things)
+    objects = tuple(shift(other) if other is edited or other in riders else other for other in scene.objects)
+    return replace(scene, objects=objects)
 
 
-def _at_pose(thing: Thing, pose: Pose, turn: Array, shift: Array) -> Thing:
+def _at_pose(edited: EditedObject, pose: Pose, turn: Array, shift: Array) -> EditedObject:
     """An object at another pose; its measured boxes are turned and shifted alike."""
-    item, update = thing.item, dict[str, object]()
+    item, update = edited.item, dict[str, object]()
     if item.upright is not None:
         center = to_vec3(turn @ np.array(item.upright.center) + shift)
         yaw = item.upright.yaw + float(np.arctan2(turn[1, 0], turn[0, 0]))
         upright = item.upright.model_copy(update={"center": center, "yaw": yaw})
         update = {"upright": upright, "box": enclosing_aabb(upright, "cylinder" if item.round else "box")}
     update |= {"position": pose[0], "orientation": pose[1]}
-    return replace(thing, item=item.model_copy(update=update), pose=pose)
+    return replace(edited, item=item.model_copy(update=update), pose=pose)
 
 
 def _place_robot(scene: EditedScene, edit: PlaceRobot) -> EditedScene:
@@ -610,12 +609,12 @@ def _place_robot(scene: EditedScene, edit: PlaceRobot) -> EditedScene:
     transform[:3, 3] += shift
     table = scene.table.model_copy(update={"T_robot_cam": matrix_to_tuples(transform)})
 
-    def carry(thing: Thing) -> Thing:
-        place = to_vec3(turn @ np.array(thing.pose[0]) + shift)
-        rotation = matrix_to_quaternion(turn @ matrix_from_quaternion(thing.pose[1]))
-        return _at_pose(thing, (place, rotation), turn, shift)
+    def carry(edited: EditedObject) -> EditedObject:
+        place = to_vec3(turn @ np.array(edited.pose[0]) + shift)
+        rotation = matrix_to_quaternion(turn @ matrix_from_quaternion(edited.pose[1]))
+        return _at_pose(edited, (place, rotation), turn, shift)
 
-    return replace(scene, table=table, things=tuple(map(carry, scene.things)))
+    return replace(scene, table=table, objects=tuple(map(carry, scene.objects)))
 
 
 def settle_edited_scene(scene: EditedScene, services: Services) -> SceneDescription:
@@ -625,15 +624,15 @@ def settle_edited_scene(scene: EditedScene, services: Services) -> SceneDescript
         InputError: no object is left, or the arm can move none of them.
         SimulationError: MuJoCo rejects the scene.
     """
-    if not scene.things:
+    if not scene.objects:
         raise InputError("no object is left in the scene", "undo an edit, or add an object")
     frame, table, library = scene.photo, scene.table, services.library
-    owned = np.any([thing.mask for thing in scene.things], axis=0)
-    placed = [thing.placed for thing in scene.things]
+    owned = np.any([edited.mask for edited in scene.objects], axis=0)
+    placed = [edited.placed for edited in scene.objects]
     rest, twin = settle_and_measure_fidelity(placed, library, frame, table, scene.above | owned)
     objects: list[SceneObject] = []
-    for thing, end in zip(scene.things, rest.placed, strict=True):
-        described = (thing.item.position, thing.item.orientation)
+    for edited, end in zip(scene.objects, rest.placed, strict=True):
+        described = (edited.item.position, edited.item.orientation)
         update: dict[str, object] = {"settled": None, "drift": None, "held": False}
         if end is not None:
             drift = float(np.linalg.norm(np.subtract(end.pose[0], described[0])))
@@ -641,9 +640,9 @@ def settle_edited_scene(scene: EditedScene, services: Services) -> SceneDescript
         update |= {
             "stands_in_robot": False,
             "reachable": is_reachable_position(described[0]),
-            "pick_trouble": thing.item.pick_trouble if thing.item.is_doubtful else "",
+            "pick_trouble": edited.item.pick_trouble if edited.item.is_doubtful else "",
         }
-        objects.append(thing.item.model_copy(update=update))
+        objects.append(edited.item.model_copy(update=update))
     bodies = [
         body_from_asset(item.name, item.asset, item.settled or (item.position, item.orientation), library)
         for item in objects
@@ -674,10 +673,10 @@ def save_corrected_scene(corrected: SceneDescription, scene: EditedScene, edits:
     Returns:
         The photo with the names of the objects.
     """
-    folder, masks = services.folder, {thing.item.name: thing.mask for thing in scene.things}
+    folder, masks = services.folder, {edited.item.name: edited.mask for edited in scene.objects}
     corrected.write(folder / "scene.json")
     write_edits(edits, folder / FILE)
-    save_label_pictures(scene.photo, {thing.item.id: thing.mask for thing in scene.things}, folder)
+    save_label_pictures(scene.photo, {edited.item.id: edited.mask for edited in scene.objects}, folder)
     files = save_twin_picture(corrected, services.library, folder)
     files |= {} if corrected.coverage is None else {"coverage": corrected.coverage.picture}
     services.log.append(SceneStage(stage="matched", summary=dict(corrected), files=files))

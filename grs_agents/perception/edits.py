@@ -28,7 +28,7 @@ MOST_EDITS = 500
 MOST_FILE_BYTES = 1 << 22
 _MOST_SIDE = 1 << 15
 """Largest side of a photo in pixels."""
-_REMEDY = "docs/edit.md describes its form"
+_REMEDY = "write it with `grs edit`, or see docs/edit.md"
 _FARTHEST = 5.0  # m; the simulated table reaches less far
 _SMALLEST, _LARGEST = 0.003, 1.5  # extents of an object, m
 _RAISED = 0.015  # height above the table (m) from which a pixel is surely of an object
@@ -36,6 +36,8 @@ _LOWER = 0.006  # below it the pixel is of the table, unless its colour says oth
 _UNLIKE, _SURELY_UNLIKE = 25.0, 40.0  # Lab distance to the rim of the rectangle: probable, sure foreground
 _ROUNDS = 4  # of GrabCut
 _FEWEST = 60  # pixels of an object
+MOST_OFF_PLANE: Final = 0.1
+"""Height (m) over or under a plane within which a pixel names it as the table; far planes tilt by some degrees."""
 
 
 def _check_printable(text: str) -> str:
@@ -374,7 +376,7 @@ def plane_number_at(frame: RGBDFrame, table: TableFrame, point: Pixel) -> int:
     transform = np.asarray(table.T_robot_cam)
     height = to_vec3(transform[:3, :3] @ (depth * local) + transform[:3, 3])[2]
     nearest = min(table.planes, key=lambda plane: abs(plane.height - height), default=None)
-    if nearest is None or abs(nearest.height - height) > 0.03:
+    if nearest is None or abs(nearest.height - height) > MOST_OFF_PLANE:
         known = ", ".join(f"{plane.height:+.3f}" for plane in table.planes) or "none"
         raise InputError(
             f"the pixel {column}, {row} is {height:+.3f} m above the table and on no level plane",

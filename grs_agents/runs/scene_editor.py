@@ -84,7 +84,7 @@ class SceneEditor:
     @property
     def masks(self) -> Mapping[str, Mask]:
         """(H, W) pixels of each object, by its name."""
-        return {thing.item.name: thing.mask for thing in self._steps[-1].things}
+        return {edited.item.name: edited.mask for edited in self._steps[-1].objects}
 
     def place_of(self, name: str) -> Pixel:
         """A pixel that names an object in an edit; raises InputError if no object has the name."""

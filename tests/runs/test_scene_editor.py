@@ -2,13 +2,11 @@
 
 import json
 from collections.abc import Generator
-from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from grs_agents.base.config.load import load_config
 from grs_agents.base.errors import GrsError, InputError
 from grs_agents.graph.scene_prompt import scene_for_prompt
 from grs_agents.library.library import Library
@@ -31,25 +29,16 @@ from grs_agents.perception.edits import (
 )
 from grs_agents.perception.types import Mask, SceneDescription, SceneObject
 from grs_agents.runs.record import read_record
-from grs_agents.runs.scene_editor import SceneEditor, open_scene_editor
+from grs_agents.runs.scene_editor import SceneEditor
 from tests.cli.command import grs
-from tests.kept_sandbox import lend_sandbox
-
-SCENE = Path(__file__).parents[2] / "assets/scenes/groceries"
+from tests.scene_editing import open_editor
 
 
 @pytest.fixture(scope="module")
-def opened(tmp_path_factory: pytest.TempPathFactory) -> Generator[SceneEditor]:
+def opened(tmp_path_factory: pytest.TempPathFactory, sample_scene: Path) -> Generator[SceneEditor]:
     """The sample scene, opened once; each test leaves it as it was."""
-    patch = pytest.MonkeyPatch()
-    patch.setattr("grs_agents.runs.execution.open_sandbox", lend_sandbox)
-    patch.setattr("grs_agents.runs.scene_editor.open_sandbox", lend_sandbox)
-    folder = tmp_path_factory.mktemp("edited") / "scene"
-    with open_scene_editor(
-        SCENE, folder, load_config(None, overrides={"graph": "scene"}), lambda _, __: nullcontext()
-    ) as editor:
+    with open_editor(sample_scene, tmp_path_factory.mktemp("edited") / "scene") as editor:
         yield editor
-    patch.undo()
 
 
 @pytest.fixture
@@ -192,20 +181,6 @@ def replay(folder: Path, *arguments: str) -> None:
     assert done.returncode in (0, 1), done.stderr
 
 
-def correct(editor: SceneEditor) -> dict[str, bytes]:
-    """Correct the sample scene; returns the files that must be the same after a replay."""
-    for edit in (
-        Rename(place=editor.place_of("milk_1"), name="oat milk"),
-        Merge(places=(editor.place_of("mustard_1"), editor.place_of("raisins_1"))),
-        SetMass(place=editor.place_of("bowl_1"), mass=0.8),
-        Delete(place=editor.place_of("cookies_1")),
-        Move(place=editor.place_of("blue_block_1"), position=(0.45, -0.2), yaw=0.5),
-    ):
-        editor.apply(edit)
-    editor.save()
-    return files_of(editor.folder, editor.library)
-
-
 def files_of(folder: Path, library: Library | None = None) -> dict[str, bytes]:
     """The description and the assets of its own of a scene."""
     scene = json.loads((folder / "scene.json").read_text())
@@ -215,15 +190,24 @@ def files_of(folder: Path, library: Library | None = None) -> dict[str, bytes]:
     return {name: (folder / name).read_bytes() for name in names}
 
 
-def test_edits_replayed_give_the_same_scene_byte_for_byte(
-    editor: SceneEditor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    files = correct(editor)
-    edits = str(editor.folder / "edits.json")
-    replay(tmp_path, "scene", str(SCENE), "--edits", edits, "--out", "again")
+def test_edits_replayed_give_the_same_scene_byte_for_byte(small_scene: Path, known_scene: Path, tmp_path: Path) -> None:
+    with open_editor(known_scene, tmp_path / "edited") as editor:
+        bowl, box, bottle = (editor.place_of(item.name) for item in editor.scene.objects)
+        right = Rectangle(left=bowl[0], top=0, right=320, bottom=240)
+        for edit in (
+            Rename(place=box, name="noodles"),
+            Split(place=bowl, rectangle=right),
+            SetMass(place=box, mass=0.8),
+            Delete(place=bottle),
+            Move(place=box, position=(0.45, -0.3), yaw=0.5),
+        ):
+            editor.apply(edit)
+        edits, lines = str(editor.save()), editor.scene.edits
+        files = files_of(editor.folder, editor.library)
+    replay(tmp_path, "scene", str(small_scene), "--edits", edits, "--out", "again")
     assert files_of(tmp_path / "again") == files
     record = read_record(tmp_path / "again")
-    assert record.edits == editor.scene.edits and len(record.edits) == 5
+    assert record.edits == lines and len(record.edits) == 5
     events = (tmp_path / "again/events.jsonl").read_text()
     assert all(f"corrected by a person: {line}" in events for line in record.edits)
     # a corrected scene is taken as it is, or corrected otherwise
@@ -236,32 +220,29 @@ def test_edits_replayed_give_the_same_scene_byte_for_byte(
     assert done.returncode == 2 and "edit 1 (delete): there is no object at the pixel 1, 1" in done.stderr
 
 
-def test_a_graph_with_review_asks_for_the_edits(editor: SceneEditor, tmp_path: Path, brief_films: None) -> None:
-    editor.apply(Rename(place=editor.place_of("milk_1"), name="oat milk"))
-    editor.save()
+def test_a_graph_with_review_asks_for_the_edits(known_scene: Path, tmp_path: Path, brief_films: None) -> None:
+    with open_editor(known_scene, tmp_path / "scene") as editor:
+        name = editor.scene.objects[0].name
+        editor.apply(Rename(place=editor.place_of(name), name="oat milk"))
+        editor.save()
     settings = ("--set", "graph=grs_review", "--set", "audit.seeds=1")
-    done = grs("run", str(editor.folder), *settings, "--out", "run", folder=tmp_path)
+    done = grs("run", str(known_scene), *settings, "--out", "run", folder=tmp_path)
     assert done.returncode == 4 and read_record(tmp_path / "run").status == "waiting"
     again = grs("approve", "run", "--reply", "missing.json", folder=tmp_path)
     assert again.returncode == 4 and "missing.json" in str(read_record(tmp_path / "run").question)
-    done = grs("approve", "run", "--reply", str(editor.folder / "edits.json"), folder=tmp_path)
+    done = grs("approve", "run", "--reply", "scene/edits.json", folder=tmp_path)
     assert done.returncode in (0, 1), done.stderr
     record = read_record(tmp_path / "run")
-    assert record.edits == ("milk_1 is renamed to oat_milk_1",)
+    assert record.edits == (f"{name} is renamed to oat_milk_1",)
     assert "oat_milk" in (tmp_path / "run/scene.json").read_text()
-    assert "milk_1 is renamed to oat_milk_1" in grs("show", "run", folder=tmp_path).stdout
+    assert f"{name} is renamed to oat_milk_1" in grs("show", "run", folder=tmp_path).stdout
     grs("report", "run", folder=tmp_path)
-    assert "<li>milk_1 is renamed to oat_milk_1</li>" in (tmp_path / "run/report.html").read_text()
+    assert f"<li>{name} is renamed to oat_milk_1</li>" in (tmp_path / "run/report.html").read_text()
 
 
-def test_a_real_photo_without_calibration_is_corrected_and_replayed(
-    real_scenes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_real_photo_without_calibration_is_corrected_and_replayed(real_scenes: Path, tmp_path: Path) -> None:
     source = real_scenes / "uois_6"
-    monkeypatch.setattr("grs_agents.runs.execution.open_sandbox", lend_sandbox)
-    monkeypatch.setattr("grs_agents.runs.scene_editor.open_sandbox", lend_sandbox)
-    config = load_config(None, overrides={"graph": "scene"})
-    with open_scene_editor(source, tmp_path / "edited", config, lambda _, __: nullcontext()) as editor:
+    with open_editor(source, tmp_path / "edited") as editor:
         first, second, third, *_ = (item.name for item in editor.scene.objects)
         before = named(editor.scene)[third].position
         editor.apply(Delete(place=editor.place_of(first)))

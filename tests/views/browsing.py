@@ -38,8 +38,10 @@ def browser() -> Generator[Callable[..., Any]]:
             options = {"args": [*_ARGUMENTS.split(), f"--user-data-dir={profile}"]}
             wanted = {"capabilities": {"alwaysMatch": {"goog:chromeOptions": options}}}
             session = f"{root}/session/{_ask('POST', f'{root}/session', wanted)['sessionId']}"
-            yield lambda method, path, body=None: _ask(method, f"{session}/{path}", body)
-            _ask("DELETE", session)
+            try:
+                yield lambda method, path, body=None: _ask(method, f"{session}/{path}", body)
+            finally:  # else the browser outlives its driver
+                _ask("DELETE", session)
         finally:
             process.terminate()
             process.wait(30)

@@ -1,0 +1,214 @@
+"""A person's presses on the page become edits of the scene, in their order."""
+
+import http.client
+import math
+from collections.abc import Callable, Generator, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import numpy as np
+import pytest
+
+from grs_agents.base.geometry.transforms import matrix_to_quaternion
+from grs_agents.perception.edits import Add, Delete, Mark, Merge, Rename, SceneEdits, SetMass, Split, read_edits
+from grs_agents.perception.types import Mask
+from grs_agents.runs.scene_editor import SceneEditor
+from grs_agents.views.edit_page.guard import VISER, GuardedServer
+from grs_agents.views.edit_page.page import REPORT, EditPage, EndedRun
+from grs_agents.views.edit_page.photo_plane import PhotoPlane, Viewer, escape_lines
+from tests.needs import needs
+from tests.scene_editing import open_editor
+
+pytestmark = needs("viser")
+FINISH: tuple[str, Any] = ("Finish: save and close", True)
+
+
+@pytest.fixture(scope="module")
+def editor(tmp_path_factory: pytest.TempPathFactory, known_scene: Path) -> Generator[SceneEditor]:
+    """A scene of three objects, opened once."""
+    with open_editor(known_scene, tmp_path_factory.mktemp("edited") / "scene") as opened:
+        yield opened
+
+
+class Served:
+    """A page whose browser is a websocket client."""
+
+    def __init__(self, editor: SceneEditor, server: GuardedServer, runs: list[str]) -> None:
+        def go_on(show: Callable[[str], None]) -> EndedRun:
+            show("<step>")
+            runs.append("run")
+            return EndedRun(editor.folder, "accepted", "<reason>", b"report")
+
+        self.editor, self.server = editor, server
+        self.page = EditPage(editor, server, go_on)
+
+    def handles(self) -> list[Any]:
+        return list(vars(self.server.viser.gui)["_gui_input_handle_from_uuid"].values())
+
+    @property
+    def plane(self) -> PhotoPlane:
+        return vars(self.page)["_plane"]
+
+    def do(self, *acts: tuple[str, Any]) -> None:
+        """Set fields, press buttons (label, True) and buttons of groups (group, button), then finish.
+
+        Of the photo, ``("click", pixel)`` clicks it, and ``("rect-select", rectangle)`` drags a rectangle.
+        """
+        messages = import_module("viser._messages")
+        parts = urlsplit(self.server.address)
+        connection = http.client.HTTPConnection("127.0.0.1", self.server.port, timeout=20)
+        connection.request("GET", f"/?{parts.query}")
+        cookie = connection.getresponse().headers["Set-Cookie"].partition(";")[0]
+        connection.close()
+        with import_module("websockets.sync.client").connect(
+            f"ws://127.0.0.1:{self.server.port}/",
+            origin=f"http://127.0.0.1:{self.server.port}",
+            additional_headers={"Cookie": cookie},
+            subprotocols=[f"viser-v{VISER}"],
+            max_size=None,
+        ) as client:
+            send = import_module("msgspec").msgpack.encode
+            pose, field = self.plane.pose, self.plane.find_field_of_view(1.6)
+            turn = matrix_to_quaternion(pose[:3, :3])
+            camera = messages.ViewerCameraMessage(
+                wxyz=(turn[3], *turn[:3]),
+                position=tuple(pose[:3, 3]),
+                fov=field,
+                near=0.01,
+                far=100.0,
+                image_height=900,
+                image_width=1440,
+                look_at=tuple(pose[:3, 3] + pose[:3, 2]),
+                up_direction=(0.0, 0.0, 1.0),
+            )
+            client.send(send(camera.as_serializable_dict()))
+            for label, value in (*acts, FINISH):
+                if label in ("click", "rect-select"):
+                    points = (value[:2], value[2:]) if label == "rect-select" else (value,)
+                    screen = tuple(screen_point(self.plane, 1.6, point) for point in points)
+                    message = messages.ScenePointerMessage(label, (0.0,) * 3, (0.0, 0.0, 1.0), screen, None)
+                else:
+                    message = messages.GuiUpdateMessage(vars(self.handle(label))["_impl"].uuid, {"value": value})
+                client.send(send(message.as_serializable_dict()))
+            self.page.serve()
+
+    def handle(self, label: str) -> Any:
+        [handle] = [handle for handle in self.handles() if getattr(handle, "label", None) == label]
+        return handle
+
+    def said(self) -> str:
+        return vars(self.page)["_status"].content
+
+    def written(self) -> SceneEdits:
+        return read_edits(self.editor.folder / "edits.json")
+
+
+@pytest.fixture
+def served(editor: SceneEditor) -> Generator[Served]:
+    server = GuardedServer(0)
+    yield Served(editor, server, [])
+    server.stop()
+    while editor.edits:
+        editor.undo()
+
+
+def screen_point(plane: PhotoPlane, aspect: float, pixel: tuple[float, float]) -> tuple[float, float]:
+    """The point of the screen (0..1 right and down) of a pixel, in the view from the photo's camera."""
+    camera, half = plane.camera, math.tan(plane.find_field_of_view(aspect) / 2)
+    x = (pixel[0] - camera.cx) / camera.fx / half / aspect
+    return (1 + x) / 2, (1 + (pixel[1] - camera.cy) / camera.fy / half) / 2
+
+
+def box_around(mask: Mask, margin: int = 6) -> tuple[int, int, int, int]:
+    """Left, top, right, bottom of a rectangle as a person draws it."""
+    rows, columns = np.nonzero(mask)
+    low, high = (columns.min() - margin, rows.min() - margin), (columns.max() + margin, rows.max() + margin)
+    return int(low[0]), int(low[1]), int(high[0]), int(high[1])
+
+
+def kinds(edits: Sequence[Any]) -> list[type]:
+    return [type(edit) for edit in edits]
+
+
+def test_presses_are_edits_in_their_order_and_kept(served: Served) -> None:
+    rows = {item.name: (f"{number}  {item.name}", True) for number, item in enumerate(served.editor.scene.objects, 1)}
+    served.do(rows["spaghetti_1"])  # fills the fields
+    served.do(
+        ("Name", "flat <b>noodles</b>"),
+        ("Mass, kg", 0.5),
+        ("Set name, mass and friction", True),
+        ("Object", "Merge"),
+        rows["mayo_1"],
+        ("Edits", "Undo"),
+        ("Edits", "Redo"),
+        ("This is", "Scenery"),
+        rows["bowl_1"],
+        ("Edits", "Undo"),
+        ("Object", "Delete"),
+    )
+    assert kinds(served.written().edits) == [SetMass, Rename, Merge, Delete]
+    assert Mark not in kinds(served.editor.edits)
+    assert not [handle for handle in served.handles() if "<b>" in str(getattr(handle, "content", ""))]
+
+
+def test_rectangles_in_the_photo_split_and_add_and_a_refused_act_leaves_its_mode(served: Served) -> None:
+    bowl, bottle = (served.editor.masks[name] for name in ("bowl_1", "mayo_1"))
+    served.do(("click", served.editor.place_of("bowl_1")), ("Object", "Split"))
+    served.do(("rect-select", box_around(bowl)))
+    served.do(("Take this mask", True))
+    assert "holds all of bowl_1" in served.said() and served.editor.edits == ()
+    assert not served.handle("Cancel").visible
+    served.do(("Object", "Split"))
+    left, top, right, bottom = box_around(bowl)
+    served.do(("rect-select", (left, top, (left + right) // 2, bottom)))
+    served.do(("Take this mask", True), ("Add an object: drag a rectangle", True))
+    served.do(("rect-select", box_around(bottle)))
+    served.do(("Take this mask", True))
+    split, add = served.written().edits
+    assert isinstance(split, Split) and isinstance(add, Add)
+    assert abs(split.rectangle.right - (left + right) // 2) <= 1
+    assert abs(add.rectangle.left - box_around(bottle)[0]) <= 1
+
+
+def test_an_act_keeps_the_text_that_a_person_is_typing(served: Served) -> None:
+    row = ("2  spaghetti_1", True)
+    served.do(row)
+    served.do(("Name", "noodles"), ("Shape", "Box"), ("Edits", "Undo"))
+    assert served.handle("Name").value == "noodles"
+    served.do(("1  bowl_1", True), row)
+    assert served.handle("Name").value == "spaghetti_1"
+
+
+def test_a_refused_act_is_said_and_changes_nothing(served: Served) -> None:
+    row = (f"1  {served.editor.scene.objects[0].name}", True)
+    served.do(("Object", "Delete"), row)
+    served.do(("Mass, kg", 1e9), ("Set name, mass and friction", True))
+    assert served.editor.edits == ()
+
+
+def test_a_run_goes_on_from_the_saved_scene(served: Served) -> None:
+    served.do(("Go on", True))
+    assert served.server.documents[REPORT] == b"report"
+    steps = vars(served.page)["_steps"].content
+    assert "&lt;step&gt;" in steps and "accepted: &lt;reason&gt;" in steps and f'href="{REPORT}"' in steps
+
+
+def test_a_point_of_the_screen_is_the_pixel_on_its_ray(editor: SceneEditor) -> None:
+    pose = np.asarray(editor.scene.frame.T_robot_cam)
+    plane = PhotoPlane(editor.photo.camera.intrinsics, pose)
+    camera = plane.camera
+    for aspect in (0.6, 1.0, 2.3):
+        viewer = Viewer(pose[:3, :3], pose[:3, 3], plane.find_field_of_view(aspect), aspect)
+        for pixel in ((0, 0), (camera.width - 1, camera.height - 1), (100, 31)):
+            screen = screen_point(plane, aspect, pixel)
+            assert 0 <= screen[0] <= 1 and 0 <= screen[1] <= 1  # the whole photo is on the screen
+            assert plane.find_pixel(screen, viewer) == pytest.approx(pixel, abs=1e-6)
+    behind = Viewer(pose[:3, :3], pose[:3, 3] + 9 * pose[:3, 2], 1.0, 1.0)
+    assert plane.find_pixel((0.5, 0.5), behind) is None
+
+
+def test_foreign_text_is_escaped() -> None:
+    assert "<script" not in escape_lines("<script>alert(1)</script>", '"><img src=x onerror=alert(1)>')
+    assert "<img" not in escape_lines("<img>")
