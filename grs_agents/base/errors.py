@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from typing import Any
 
 _FEW, _NEAREST = 20, 5
 """Most valid names that a message lists; of more it lists the nearest few."""
@@ -19,6 +20,14 @@ class GrsError(Exception):
         self.message = " ".join(message.split())
         self.remedy = " ".join(remedy.split())
         super().__init__(f"{self.message}; {self.remedy}" if self.remedy else self.message)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """The error as it is, for other processes: constructors of subclasses take other arguments."""
+        return _restore_error, (type(self), self.args), self.__dict__
+
+
+def _restore_error(kind: type[GrsError], arguments: tuple[Any, ...]) -> GrsError:
+    return kind.__new__(kind, *arguments)
 
 
 class InputError(GrsError):

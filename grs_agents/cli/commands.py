@@ -459,7 +459,7 @@ def instances(
     workers: Workers = 2,
     json: Json = False,
 ) -> None:
-    """Make more instances of an accepted run, or the same for other robots.
+    """Make more instances of a run, or the same for other robots.
 
     Each is a variation of an instance of the run, and the expert has solved it. With --robot or --hand a table says
     which robots solve the task.
@@ -492,6 +492,7 @@ def demos(
     out: DemosOut = None,
     hub: Annotated[str, typer.Option("--push-to-hub", help=_HUB, metavar="USER/NAME")] = "",
     private: Annotated[bool, typer.Option("--private", help="On the Hub for its owner alone.")] = False,
+    workers: Workers = 2,
     json: Json = False,
 ) -> None:
     """Make a data set of the expert's demonstrations.
@@ -512,7 +513,7 @@ def demos(
         cameras=parse_cameras(cameras),
         size=parse_size(size),
     )
-    sys.exit(write_demonstrations(run, order, kind, out, hub, private, json))
+    sys.exit(write_demonstrations(run, order, kind, out, hub, private, workers, json))
 
 
 @app.command(rich_help_panel="Use")

@@ -49,7 +49,7 @@ def parse_size(text: str) -> tuple[int, int]:
 
 
 def write_demonstrations(
-    run: Path, order: DemoOrder, kind: str, out: Path | None, hub: str, private: bool, as_json: bool
+    run: Path, order: DemoOrder, kind: str, out: Path | None, hub: str, private: bool, workers: int, as_json: bool
 ) -> int:
     """Make and write the demonstrations of a task, with a progress bar, and upload them to ``hub`` unless it is empty.
 
@@ -82,7 +82,8 @@ def write_demonstrations(
             dropped = f", {failed} dropped" if failed else ""
             progress.update(row, completed=store.count, description=f"demonstrations{dropped}")
 
-        store = make_demonstrations(folder, order, out.with_name(f"{out.name}-unfinished"), update_demo_progress)
+        work = out.with_name(f"{out.name}-unfinished")
+        store = make_demonstrations(folder, order, work, update_demo_progress, workers)
         progress.update(row, description=f"writing {kind}")
         summary = write_dataset(store, chosen, out, folder)
     address = _upload(out, hub, private) if hub else None

@@ -37,7 +37,12 @@ def _register_gym_environment() -> None:
         from gymnasium.envs import registration
     except ImportError:
         return
-    cast(Any, registration).register(id="GRS-v0", entry_point="grs_agents.tasks.envs.gym_environment:GrsEnv")
+    home = "grs_agents.tasks.envs"
+    cast(Any, registration).register(
+        id="GRS-v0",
+        entry_point=f"{home}.gym_environment:GrsEnv",
+        vector_entry_point=f"{home}.vector_environment:GrsVectorEnv",
+    )
 
 
 _register_gym_environment()

@@ -3,7 +3,7 @@
 import multiprocessing
 import os
 import signal
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -23,7 +23,7 @@ def map_in_processes(
     workers: int,
     begin: Callable[..., object],
     arguments: tuple[Any, ...] = (),
-) -> Iterator[Result]:
+) -> Generator[Result]:
     """Results of ``work`` for each item, as they are completed; a single worker runs here, in the items' order.
 
     ``work`` and ``begin`` are module-level functions; each process calls ``begin(*arguments)`` once, first. After an

@@ -1,5 +1,7 @@
 """Errors are one line that names the value, the bound and the remedy."""
 
+import pickle
+
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -40,3 +42,9 @@ def test_a_long_list_of_names_is_cut_and_counted(name: str, valid: list[str]) ->
     many = len(set(valid)) > 20
     assert error.remedy.endswith(f" and {len(set(valid)) - 5} more") is many
     assert "\n" not in str(error)
+
+
+def test_errors_pass_between_processes_as_they_are() -> None:
+    error = UnknownNameError("robot", "ur5", ["ur5e", "panda"])
+    copied = pickle.loads(pickle.dumps(error))
+    assert (type(copied), str(copied), vars(copied)) == (UnknownNameError, str(error), vars(error))

@@ -212,6 +212,10 @@ class Arm:
         """Position (3,) of the tip, m, and its rotation (3, 3) from the tool straight down, at joints (dof,)."""
         return self._arm_model.tip_pose(joints)
 
+    def tip_height(self, joints: FloatArray) -> float:
+        """Height of the tip, m, at joints (dof,)."""
+        return self._arm_model.tip_height(joints)
+
     def tip_poses(self, path: FloatArray) -> tuple[FloatArray, FloatArray]:
         """As ``tip_pose``, (N, 3) and (N, 3, 3), at joint positions (N, dof)."""
         return self._arm_model.tip_poses(path)

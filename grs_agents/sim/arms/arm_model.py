@@ -56,6 +56,15 @@ class ArmModel:
         self.slides = np.array(self._model.jnt_type) == int(mujoco.mjtJoint.mjJNT_SLIDE)
         self.links = tuple(str(self._model.body(number).name) for number in range(1, self._model.nbody))
         self._jacobian = np.zeros((6, self.dof))
+        self._tip, self._tool = self._data.site_xpos[self._site], self._data.site_xmat[self._site]  # views
+        self._placed = b""  # the joints of the present kinematics
+
+    def _place(self, joints: FloatArray) -> None:
+        """Compute the kinematics at joint positions (dof,), if they are not the present ones."""
+        if (key := joints.tobytes()) != self._placed:
+            self._data.qpos[:] = joints
+            mujoco.mj_kinematics(self._model, self._data)
+            self._placed = key
 
     def has_vertical_base_hinge(self) -> bool:
         """Whether the first joint turns the whole arm about the vertical through the origin."""
@@ -77,27 +86,26 @@ class ArmModel:
 
     def tip_pose(self, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Position (3,) of the tip, m, and its rotation (3, 3) from the tool straight down."""
-        self._data.qpos[:] = joints
-        mujoco.mj_kinematics(self._model, self._data)
-        tool = np.array(self._data.site_xmat[self._site]).reshape(3, 3)
-        return np.array(self._data.site_xpos[self._site]), tool @ DOWN
+        self._place(joints)
+        return np.array(self._tip), self._tool.reshape(3, 3) @ DOWN
+
+    def tip_height(self, joints: FloatArray) -> float:
+        """Height of the tip, m."""
+        self._place(joints)
+        return float(self._tip[2])
 
     def tip_poses(self, path: FloatArray) -> tuple[FloatArray, FloatArray]:
         """As ``tip_pose``, (N, 3) and (N, 3, 3), for joint positions (N, dof)."""
-        model, data = self._model, self._data
         positions, tools = np.empty((len(path), 3)), np.empty((len(path), 9))
-        joints, tip, tool = data.qpos, data.site_xpos[self._site], data.site_xmat[self._site]
         for row, values in enumerate(path):
-            joints[:] = values
-            mujoco.mj_kinematics(model, data)
-            positions[row], tools[row] = tip, tool
+            self._place(values)
+            positions[row], tools[row] = self._tip, self._tool
         return positions, tools.reshape(-1, 3, 3) @ DOWN
 
     def inertia_matrix(self, joints: FloatArray) -> FloatArray:
         """Joint-space inertia (dof, dof) at positions (dof,): kg m^2, or kg of a slide."""
         model, data = self._model, self._data
-        data.qpos[:] = joints
-        mujoco.mj_kinematics(model, data)
+        self._place(joints)
         mujoco.mj_comPos(model, data)
         mujoco.mj_crb(model, data)
         inertia = np.zeros((self.dof, self.dof))
@@ -107,8 +115,7 @@ class ArmModel:
     def shift_tip(self, joints: FloatArray, twist: FloatArray) -> FloatArray:
         """Joint positions (dof,) after a small twist (6,) of the tip (m, then rad), to first order, within limits."""
         model, data, jacobian = self._model, self._data, self._jacobian
-        data.qpos[:] = joints
-        mujoco.mj_kinematics(model, data)
+        self._place(joints)
         mujoco.mj_comPos(model, data)
         mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], self._site)
         square = jacobian @ jacobian.T + _DAMPING
@@ -127,10 +134,9 @@ class ArmModel:
         wanted, present, turn, error, load = np.empty(4), np.empty(4), np.empty(4), np.empty(6), np.empty(6)
         mujoco.mju_mat2Quat(wanted, np.ascontiguousarray(tool).ravel())
         for _ in range(iterations):
-            data.qpos[:] = joints
-            mujoco.mj_kinematics(model, data)
-            error[:3] = tip - data.site_xpos[self._site]
-            mujoco.mju_mat2Quat(present, data.site_xmat[self._site])
+            self._place(joints)
+            error[:3] = tip - self._tip
+            mujoco.mju_mat2Quat(present, self._tool)
             present[1:] *= -1
             mujoco.mju_mulQuat(turn, wanted, present)
             mujoco.mju_quat2Vel(error[3:], turn, 1.0)
@@ -153,8 +159,7 @@ class ArmModel:
         """The collision at the first row of joint positions (N, dof) that has any."""
         model, data = self._model, self._data
         for row in path:
-            data.qpos[:] = row
-            mujoco.mj_kinematics(model, data)
+            self._place(row)
             mujoco.mj_collision(model, data)
             if data.ncon:
                 return self._current_collisions()[0]

@@ -39,12 +39,33 @@ _SHOULDER: Final = 0.105
 _SHOULDER_TO_ELBOW: Final = ((0.0, D1, np.pi / 2), (A2, 0.0, 0.0), (A3, 0.0, 0.0))
 LINKS: Final = (*_SHOULDER_TO_ELBOW, (0.0, D4, np.pi / 2), (0.0, D5, -np.pi / 2), (0.0, D6, 0.0))
 """(a, d, alpha) of each joint."""
+Coordinate = float | FloatArray
 
 
 def solve_ik_tool_down(tips: FloatArray, yaws: FloatArray, tool: float = SUCTION_CUP.length) -> FloatArray:
     """Continuous joint angles (N, 6) for tips (N, 3) and yaws (N,), tool (length in m) down; NaN out of reach."""
-    x, y = tips[:, 0], tips[:, 1]
-    height = tips[:, 2] + tool + D6 - D1
+    if len(tips) == 1:  # a control period's: scalars take a third of the time of arrays
+        ((x, y, z),), (yaw,) = tips.tolist(), yaws.tolist()
+        base, shoulder, elbow = _solve_plane(x, y, z, tool)
+        turn = base + np.pi / 2 - yaw
+        turn = turn - TURN * round(turn / TURN) if math.isfinite(turn) else 0.0
+        return np.array([[base, shoulder, elbow, -np.pi / 2 - shoulder - elbow, -np.pi / 2, turn]])
+    base, shoulder, elbow = _solve_plane(tips[:, 0], tips[:, 1], tips[:, 2], tool)
+    turns = base + np.pi / 2 - yaws
+    if not np.isfinite(turns).all():
+        turns = np.where(np.isfinite(turns), turns, 0.0)
+    if float(np.abs(turns[1:] - turns[:-1]).max()) > np.pi:
+        turns = np.unwrap(turns)
+    joints = np.empty((len(tips), 6))
+    joints[:, 0], joints[:, 1], joints[:, 2] = base, shoulder, elbow
+    joints[:, 3], joints[:, 4] = -np.pi / 2 - shoulder - elbow, -np.pi / 2
+    joints[:, 5] = turns - TURN * round(float(turns[0]) / TURN)
+    return joints
+
+
+def _solve_plane(x: Coordinate, y: Coordinate, z: Coordinate, tool: float) -> tuple[Any, Any, Any]:
+    """Angles of base, shoulder and elbow for points of the tip (m), each a float or (N,); NaN out of reach."""
+    height = z + tool + D6 - D1
     radius = np.hypot(x, y)
     with np.errstate(invalid="ignore", divide="ignore"):
         base = np.arctan2(y, x) + np.pi - np.arcsin(D4 / radius)
@@ -53,19 +74,10 @@ def solve_ik_tool_down(tips: FloatArray, yaws: FloatArray, tool: float = SUCTION
         elbow = np.arccos(cosine)  # NaN beyond 1
     # The links have negative lengths in the published table, so the arm extends along minus x of link 1.
     shoulder = np.arctan2(-height, forward) - np.arctan2(-A3 * np.sin(elbow), -A2 - A3 * cosine)
-    turn = base + np.pi / 2 - yaws
-    if not np.isfinite(turn).all():
-        turn = np.where(np.isfinite(turn), turn, 0.0)
-    if len(turn) > 1 and float(np.abs(turn[1:] - turn[:-1]).max()) > np.pi:
-        turn = np.unwrap(turn)
-    joints = np.empty((len(tips), 6))
-    joints[:, 0], joints[:, 1], joints[:, 2] = base, shoulder, elbow
-    joints[:, 3], joints[:, 4] = -np.pi / 2 - shoulder - elbow, -np.pi / 2
-    joints[:, 5] = turn - TURN * round(float(turn[0]) / TURN)
-    return joints
+    return base, shoulder, elbow
 
 
-def _elbow_cosine(forward: FloatArray, height: FloatArray) -> FloatArray:
+def _elbow_cosine(forward: Any, height: Any) -> Any:
     """Cosine of the elbow angle for a wrist position from the shoulder (m), law of cosines; above 1: no solution."""
     return (forward * forward + height * height - (A2**2 + A3**2)) / (2 * A2 * A3)
 

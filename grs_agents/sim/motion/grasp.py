@@ -51,7 +51,9 @@ def find_touched_object(physics: Physics, aimed: int = -1) -> tuple[int, float] 
 
     A bead seals however it lies; of a folded rope the cup takes the bead that is ``aimed`` at.
     """
-    touched, beads = physics.objects_touching_cup() & physics.world.welds.keys(), physics.world.beads
+    if not (touching := physics.objects_touching_cup()):
+        return None
+    touched, beads = touching & physics.world.welds.keys(), physics.world.beads
     if aimed in touched and aimed in beads:
         return aimed, 1.0
     shares = [(number, cup_sealed_fraction(physics, number)) for number in sorted(touched)]

@@ -74,6 +74,8 @@ class Physics:
             joints = self.arm.home_joints
         self.data.qpos[: self.dof] = joints
         self._command: Any = self.data.act[: self.dof]
+        self._control: Any = self.data.ctrl[: self.dof]
+        self._warnings: Any = self.data.warning.number
         self._command[:] = joints
         self._stiffness: FloatArray = np.array(self.model.actuator_gainprm[: self.dof, 0])
         self._lead: FloatArray = -self.model.actuator_biasprm[: self.dof, 2] / self._stiffness
@@ -129,10 +131,11 @@ class Physics:
 
     def tip_rotation(self) -> Quat:
         """Rotation of the tool from straight down, xyzw."""
-        matrix = np.asarray(self.data.site_xmat[self.world.tip_site]).reshape(3, 3) @ DOWN
+        matrix = self.data.site_xmat[self.world.tip_site].reshape(3, 3) @ DOWN
         rotation = np.empty(4)
-        mujoco.mju_mat2Quat(rotation, np.ascontiguousarray(matrix).ravel())
-        return transforms.to_unit_quaternion(rotation[[1, 2, 3, 0]])
+        mujoco.mju_mat2Quat(rotation, matrix.ravel())
+        w, x, y, z = rotation.tolist()
+        return transforms.to_unit_quaternion((x, y, z, w))
 
     def object_pose(self, number: int) -> Pose:
         """Position and rotation (xyzw) of an object."""
@@ -150,9 +153,8 @@ class Physics:
 
         MuJoCo itself would reset to the model's initial state and go on.
         """
-        counts = self.data.warning.number
-        if counts.any():
-            causes = ", ".join(_WARNINGS[index] for index in np.flatnonzero(counts))
+        if np.count_nonzero(self._warnings):
+            causes = ", ".join(_WARNINGS[index] for index in np.flatnonzero(self._warnings))
             remedy = "do not start objects inside each other, and do not tie together what cannot be"
             moment = self.data.time if self.diverged_at is None else self.diverged_at
             raise SimulationError(f"the physics diverged at {moment:.2f} s: {causes}", remedy)
@@ -185,7 +187,8 @@ class Physics:
             mujoco.mj_step(self.model, data, part)
             if data.time < expected - self.timestep / 2 and self.diverged_at is None:
                 self.diverged_at = expected - data.time  # after divergence MuJoCo begins anew at 0
-            self._count_unobserved(part)
+            if observer is not None:
+                self._count_unobserved(part)
             count -= part
             if grip.held is not None:
                 grip.release_if_overloaded(part)
@@ -198,15 +201,23 @@ class Physics:
                 self._unobserved = 0
                 self.observer()
 
-    def lead_arm(self, joints: FloatArray, count: int, within: int = 0) -> None:
+    def lead_arm(self, joints: FloatArray, count: int, within: int = 0, stop: Callable[[], bool] | None = None) -> int:
         """Step ``count`` times while the commanded joint positions move evenly towards ``joints`` (dof,).
 
-        They arrive after ``within`` time steps, at least ``count``.
+        They arrive after ``within`` time steps, at least ``count``. With ``stop``, called after each step, until it
+        holds. Returns: time steps simulated.
         """
-        control = self.data.ctrl[: self.dof]
-        control[:] = (joints - self._command) / (max(count, within) * self.timestep)
-        self.step(count)
+        control, left, part = self._control, max(count, within), count if stop is None else 1
+        end = left - count
+        while left > end:
+            np.subtract(joints, self._command, control)
+            np.divide(control, left * self.timestep, control)
+            self.step(part)
+            left -= part
+            if stop is not None and stop():
+                break
         control[:] = 0.0
+        return count + end - left
 
     def hold_arm(self, joints: FloatArray) -> None:
         """Command constant joint positions (dof,)."""
@@ -286,6 +297,8 @@ class Physics:
         if self.data.ncon == 0:
             return set()
         pairs = self.data.contact.geom
+        if self.world.cup_geom not in pairs:
+            return set()
         rows = pairs[(pairs == self.world.cup_geom).any(axis=1)]
         return {self.world.owners[int(geom)] for geom in rows.ravel()} - {-1}
 
@@ -312,8 +325,8 @@ class Physics:
         return self.grip.held
 
     def compensate_joint_damping(self, path: FloatArray, speeds: FloatArray) -> FloatArray:
-        """Commands (N, dof) for joint positions (N, dof) at ``speeds`` (N, dof) or (dof,), with the lag of the joints'
-        damping compensated."""
+        """Commands for joint positions, both (..., dof), at ``speeds`` (..., dof), with the lag of the joints' damping
+        compensated."""
         return path + speeds * self._lead
 
     def follow_joint_path(self, *legs: FloatArray, stop: Callable[[], bool] | None = None, spacing: int = 1) -> bool:

@@ -84,12 +84,29 @@ class AttemptStore:
         """Number of demonstrations."""
         return len(self._kept_attempt_files)
 
-    def add(self, attempt: int, result: Demonstration | Dropped) -> None:
-        """Write the result of an attempt, whole or not at all."""
+    def find_end(self, total: int) -> int | None:
+        """Number after that of the attempt that completes ``total`` demonstrations; None while any before it waits."""
+        kept = sorted(self._kept_attempt_files)
+        if len(kept) < total:
+            return None
+        end = kept[total - 1] + 1
+        return end if sum(attempt < end for attempt in self.attempts) == end else None
+
+    def remove_from(self, end: int | None) -> None:
+        """Remove the attempts from number ``end`` on; none for None."""
+        for files in (self._kept_attempt_files, self._rejected_attempt_files):
+            for attempt in [] if end is None else [number for number in files if number >= end]:
+                files.pop(attempt).unlink()
+
+    def note(self, file: Path) -> None:
+        """Note the file of an attempt that another store of the folder wrote."""
+        files = self._kept_attempt_files if file.suffix == ".npz" else self._rejected_attempt_files
+        files[int(file.stem.removeprefix("attempt_"))] = file
+
+    def add(self, attempt: int, result: Demonstration | Dropped) -> Path:
+        """Write the result of an attempt, whole or not at all; returns its file."""
         if isinstance(result, Dropped):
-            self._rejected_attempt_files[attempt] = write_json(
-                self._attempt_file(attempt, "json"), result.model_dump(), durable=True
-            )
+            file = write_json(self._attempt_file(attempt, "json"), result.model_dump(), durable=True)
         else:
             arrays: dict[str, Any] = {
                 name: getattr(result, name) for name in _ARRAYS if getattr(result, name) is not None
@@ -99,14 +116,14 @@ class AttemptStore:
             header: dict[str, Any] = {name: getattr(result, name) for name in names}
             header["cameras"] = [camera.model_dump() for camera in result.cameras]
             buffer = io.BytesIO()
-            with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file:
-                file.writestr("header.json", json.dumps(header))
+            with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+                archive.writestr("header.json", json.dumps(header))
                 for name, array in arrays.items():
-                    with file.open(f"{name}.npy", "w", force_zip64=True) as entry:
+                    with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
                         npy.write_array(entry, np.ascontiguousarray(array), allow_pickle=False)
-            self._kept_attempt_files[attempt] = write_bytes(
-                self._attempt_file(attempt, "npz"), buffer.getvalue(), durable=True
-            )
+            file = write_bytes(self._attempt_file(attempt, "npz"), buffer.getvalue(), durable=True)
+        self.note(file)
+        return file
 
     def _attempt_file(self, attempt: int, kind: str) -> Path:
         return self.path / f"attempt_{attempt:06d}.{kind}"

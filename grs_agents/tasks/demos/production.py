@@ -32,7 +32,8 @@ from grs_agents.tasks.envs.controls import JointPositionControl
 from grs_agents.tasks.envs.pictures import Photographer
 from grs_agents.tasks.envs.state import StateReader
 from grs_agents.tasks.envs.task_episode import TaskEpisode
-from grs_agents.tasks.task_folder import TaskFolder
+from grs_agents.tasks.task_folder import TaskFolder, open_task_folder
+from grs_agents.tasks.worker_pool import map_in_processes
 
 Flags = npt.NDArray[np.bool_]
 _PACES: Final = (1.0, 0.7)
@@ -82,14 +83,18 @@ class DemoOrder(Frozen):
         """Demonstrations wanted, replays included."""
         return self.episodes * (1 + self.replays)
 
+    def attempts(self, number: int) -> range:
+        """Attempts of an episode: the one without noise, then its replays."""
+        return range(number * (1 + self.replays), (number + 1) * (1 + self.replays))
+
 
 def make_demonstrations(
-    folder: TaskFolder, order: DemoOrder, work: Path, show: Callable[[AttemptStore], None]
+    folder: TaskFolder, order: DemoOrder, work: Path, show: Callable[[AttemptStore], None], workers: int = 1
 ) -> AttemptStore:
-    """Complete a working folder to ``order.total`` demonstrations.
+    """Complete a working folder to ``order.total`` demonstrations, the same for any number of ``workers`` (processes).
 
-    The first attempts take the folder's instances as they are, later ones vary them in turn. ``show`` is called before
-    each attempt.
+    The first attempts take the folder's instances as they are, later ones vary them in turn. ``show`` is called first,
+    and after each episode with its replays.
 
     Raises:
         InputError: there are fewer instances than episodes without a variation; their objects differ in number; or the
@@ -97,21 +102,43 @@ def make_demonstrations(
     """
     attempts = _Attempts(folder, order)
     store = AttemptStore(work, attempts.attempt_settings)
-    with closing(attempts):
-        for attempt in range(attempts.max_attempt_count):
-            show(store)
-            if store.count >= order.total:
-                break
-            if attempt not in store.attempts:
-                store.add(attempt, attempts.make(attempt))
+    made = store.attempts
+    waiting = [number for number in range(attempts.max_episode_count) if not made.issuperset(order.attempts(number))]
+    show(store)
+    results = map_in_processes(_make_episode, waiting, workers, _set_job, (folder.path, order, work))
+    try:
+        with closing(results):
+            while store.find_end(order.total) is None and (files := next(results, None)) is not None:
+                for file in files:
+                    store.note(file)
+                show(store)
+    finally:
+        while _job:
+            _job.pop()[0].close()
+    store.remove_from(store.find_end(order.total))
     return store
+
+
+_job: list[tuple["_Attempts", AttemptStore]] = []
+
+
+def _set_job(folder: Path, order: DemoOrder, work: Path) -> None:
+    attempts = _Attempts(open_task_folder(folder), order)
+    _job[:] = [(attempts, AttemptStore(work, attempts.attempt_settings))]
+
+
+def _make_episode(number: int) -> list[Path]:
+    """Make the attempts of an episode that the working folder lacks; returns their files."""
+    attempts, store = _job[0]
+    missing = sorted(set(attempts.order.attempts(number)) - store.attempts)
+    return [store.add(attempt, attempts.make(attempt)) for attempt in missing]
 
 
 class _Attempts:
     """The attempts of an order; each gives the same result whenever it is made."""
 
     def __init__(self, folder: TaskFolder, order: DemoOrder) -> None:
-        self._folder, self._order = folder, order
+        self._folder, self.order = folder, order
         self._instances = {seed: folder.read_instance(seed) for seed in folder.seeds}
         counts = {
             (len(item.task_objects), item.robot, item.mounted_hand): seed for seed, item in self._instances.items()
@@ -135,23 +162,23 @@ class _Attempts:
         self._clean: tuple[int, Demonstration | Dropped] | None = None  # the last episode, by its number
 
     @property
-    def max_attempt_count(self) -> int:
-        """Most attempts of the order."""
-        varied = self._order.variation != Variation()
-        return (2 * self._order.episodes + _SPARE if varied else len(self._instances)) * (1 + self._order.replays)
+    def max_episode_count(self) -> int:
+        """Most episodes that are attempted."""
+        varied = self.order.variation != Variation()
+        return 2 * self.order.episodes + _SPARE if varied else len(self._instances)
 
     @property
     def attempt_settings(self) -> dict[str, Any]:
         """Settings that attempts depend on; orders of more episodes share attempts."""
         return {
             "instances": {str(seed): hash_instance(instance) for seed, instance in self._instances.items()},
-            **self._order.model_dump(exclude={"episodes"}),
+            **self.order.model_dump(exclude={"episodes"}),
             "versions": installed_versions(),
         }
 
     def make(self, attempt: int) -> Demonstration | Dropped:
         """Make an attempt: vary, let the expert solve, replay; of an episode the first is without noise."""
-        number, noisy = divmod(attempt, 1 + self._order.replays)
+        number, noisy = divmod(attempt, 1 + self.order.replays)
         if self._clean is None or self._clean[0] != number:
             self._clean = number, self._make_clean(number)
         clean = self._clean[1]
@@ -160,8 +187,8 @@ class _Attempts:
         episode = self._replayer.episode
         try:
             episode.begin(TaskInstance.model_validate_json(clean.instance))
-            rng = np.random.default_rng((self._order.seed, number, noisy))
-            executed = add_execution_noise(clean, episode.sim.arm, self._order.noise, rng)
+            rng = np.random.default_rng((self.order.seed, number, noisy))
+            executed = add_execution_noise(clean, episode.sim.arm, self.order.noise, rng)
             if demonstration := self._replayer.run(clean.actions, executed):
                 return replace(demonstration, attempt=attempt, base_seed=clean.base_seed)
             raise SimulationError(episode.sim.current_episode.detail)
@@ -174,8 +201,8 @@ class _Attempts:
         instance, stage = self._instances[base], "variation"
         try:
             if number >= len(seeds):
-                rng = np.random.default_rng((self._order.seed, number))
-                instance = vary_instance(instance, self._order.variation, rng, self._folder.library)
+                rng = np.random.default_rng((self.order.seed, number))
+                instance = vary_instance(instance, self.order.variation, rng, self._folder.library)
             stage, episode = "expert", self._replayer.episode
             episode.begin(instance)
             positions, held, grip = record_expert(episode.current)
@@ -304,8 +331,7 @@ def add_execution_noise(
     executed = clean.actions.copy()
     for row, twist in enumerate(twists):
         joints = clean.actions[row, :-1].astype(np.float64)
-        height = float(arm.tip_pose(joints)[0][2])
-        twist[2] = max(twist[2], min(0.0, _LOWEST - height))
+        twist[2] = max(twist[2], min(0.0, _LOWEST - arm.tip_height(joints)))
         executed[row, :-1] = arm.shift_tip(joints, twist)
     return executed
 

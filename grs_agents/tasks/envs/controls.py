@@ -125,11 +125,11 @@ class EeDeltaControl:
         """Simulate a control period."""
         here = self._controller.reference
         tip, rotation = self._arm.tip_pose(here)
-        x, y, z, turn = (self._scale * action[:4]).tolist()
-        goal = np.array([[tip[0] + x, tip[1] + y, max(tip[2] + z, _LOWEST)]])
+        (x, y, z), (dx, dy, dz, turn) = tip.tolist(), (self._scale * action[:4]).tolist()
+        goal = np.array([[x + dx, y + dy, max(z + dz, _LOWEST)]])
         yaw = math.atan2(rotation[1, 0], rotation[0, 0]) + turn
         joints = self._arm.solve_ik_tool_down(goal, np.array([yaw]), here)[0]
-        reachable = bool(np.abs(joints - here).max() < 1.0)  # False for NaN
+        reachable = all(abs(turn) < 1.0 for turn in (joints - here).tolist())  # False for NaN
         self._controller.apply(joints if reachable else here, float(action[4]))
         return {"blocked": self._controller.blocked or not reachable}
 

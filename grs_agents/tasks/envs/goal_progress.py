@@ -1,5 +1,6 @@
 """Shaping potential of dense rewards: distances of objects to their goals' places, computed in microseconds."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -27,7 +28,19 @@ class ShapingState:
 
     targets: FloatArray  # (N, 7) nearest place of each object, its own pose without any
     open: npt.NDArray[np.bool_]  # (N,) the object has a place and is not there
-    potential: float  # 0..1, 1 when all objects are in place
+    scores: FloatArray  # (K,) of the objects with a place: 1 there, less elsewhere
+    approached: int = -1  # row of ``scores`` that gains by the tip's nearness; -1 for none
+    center: FloatArray | None = None  # (3,) of that object, metres
+    top: FloatArray | None = None  # (3,) from its centre to the point approached, metres; None for any height
+
+    def potential(self, tip: FloatArray) -> float:
+        """0..1 with the tip at (3,), metres; 1 when all objects are in place."""
+        scores = self.scores
+        if self.center is not None:
+            offset, scores = tip - self.center, scores.copy()
+            gap = offset * _LEVEL if self.top is None else offset - self.top
+            scores[self.approached] += _REACHED * (1 - float(np.tanh(_NEARER * math.sqrt(gap @ gap))))
+        return float(np.add.reduce(scores)) / len(scores)
 
 
 @dataclass(frozen=True)
@@ -129,11 +142,11 @@ class GoalProgress:
         self._tops = np.array([(0.0, 0.0, size[2] / 2) for size in sizes]).reshape(-1, 3)
         self._push = episode.instance.primitive == "push"
 
-    def measure(self, poses: FloatArray, tip: FloatArray, held: int) -> ShapingState:
-        """State for objects' poses (N, 7), the tip (3,), and the row of the held object, or -1."""
+    def measure(self, poses: FloatArray, held: int) -> ShapingState:
+        """State for objects' poses (N, 7), and the row of the held object, or -1."""
         targets, is_open, rows = poses.copy(), np.zeros(len(poses), dtype=bool), self._rows
         if not len(rows):
-            return ShapingState(targets, is_open, 1.0)
+            return ShapingState(targets, is_open, np.ones(1))
         if len(self._moving):
             self._table.poses[self._moving[:, 0]] = poses[self._moving[:, 1], None]
         nearest, far, is_there = self._table.find_nearest(poses[rows, :2])
@@ -141,13 +154,12 @@ class GoalProgress:
         targets[rows], is_open[rows] = nearest, waits
         # An object in place scores 1, others less; the next object gains by the tip's nearness, or by being held.
         scores = np.where(waits, _BROUGHT * (1 - np.tanh(_NEARER * far)), 1.0)
-        if waits.any():
-            carried = np.flatnonzero(self._rows == held)
-            index = int(carried[0]) if len(carried) else int(waits.argmax())
-            if len(carried):
-                scores[index] += _REACHED + _HELD
-            else:  # the tip approaches the middle of the object's top, or any height if it pushes
-                offset = tip - poses[rows[index], :3]
-                gap = offset * _LEVEL if self._push else offset - self._tops[rows[index]]
-                scores[index] += _REACHED * (1 - float(np.tanh(_NEARER * np.linalg.norm(gap))))
-        return ShapingState(targets, is_open, float(scores.mean()))
+        if not waits.any():
+            return ShapingState(targets, is_open, scores)
+        carried = np.flatnonzero(rows == held)
+        if len(carried):
+            scores[carried[0]] += _REACHED + _HELD
+            return ShapingState(targets, is_open, scores)
+        index = int(waits.argmax())  # the tip approaches the middle of the object's top, or any height if it pushes
+        row = rows[index]
+        return ShapingState(targets, is_open, scores, index, poses[row, :3], None if self._push else self._tops[row])

@@ -228,7 +228,7 @@ class GrsEnv(gymnasium.Env[Any, Any]):
         info: dict[str, Any] = {"instance": self._chosen}
         try:
             wanted = self._middle + self._reach * np.asarray(action, dtype=np.float64)
-            wanted = np.clip(wanted, self._control.low, self._control.high)
+            wanted = np.minimum(np.maximum(wanted, self._control.low), self._control.high)
             info |= self._control.apply(wanted)
             self.episode.physics.raise_if_diverged()
             solved = self.episode.is_solved()
@@ -252,5 +252,5 @@ class GrsEnv(gymnasium.Env[Any, Any]):
         self._renderer.close()
 
     def _update_observation(self) -> None:
-        state, progress = self._state.read()
-        self._observation, self._potential = {**state, **self.take_pictures()}, progress.potential
+        state, self._potential = self._state.read()
+        self._observation = {**state, **self.take_pictures()}

@@ -1,6 +1,6 @@
 """State observations of environments: robot and objects as named float32 arrays."""
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -65,37 +65,50 @@ class StateReader:
         return self._split_state_by_name(self._high)
 
     def _split_state_by_name(self, values: Floats) -> dict[str, Floats]:
-        return {name: values[part].reshape(self.shapes[name]) for name, part in self._slices.items()}
+        split = {name: values[part] for name, part in self._slices.items()}
+        for name in ("objects", "targets"):
+            split[name] = split[name].reshape(self.shapes[name])
+        return split
 
     def begin(self, episode: TaskEpisode) -> None:
         """An episode begins."""
         self._episode, self._progress = episode, GoalProgress(episode)
-        world = episode.physics.world
-        self._bodies = np.array([world.bodies[number] for number in episode.object_ids], dtype=np.intp)
+        world, data = episode.physics.world, episode.physics.data
+        bodies = [world.bodies[number] for number in episode.object_ids]
+        self._bodies = np.array(bodies, dtype=np.intp)
         self._row_of = {number: row for row, number in enumerate(episode.object_ids)}
+        span = slice(min(bodies, default=0), max(bodies, default=-1) + 1)
+        self._places, self._turns = data.xpos[span], data.xquat[span]  # views that hold all of the objects
+        self._known: object = None
 
-    def read(self) -> tuple[dict[str, Floats], ShapingState]:
-        """The state now, and the objects' progress."""
+    def read(self) -> tuple[dict[str, Floats], float]:
+        """The state now, and the shaping potential."""
         physics = self._episode.physics
-        data, dof, count = physics.data, self._dof, len(self._bodies)
-        held = physics.held_object_id
-        row = -1 if held is None else self._row_of.get(held, -1)
-        tip = np.array(data.site_xpos[physics.world.tip_site])
-        poses = np.empty((count, 7))
-        poses[:, :3], quaternions = data.xpos[self._bodies], data.xquat[self._bodies]
-        poses[:, 3:6], poses[:, 6] = quaternions[:, 1:], quaternions[:, 0]
-        progress = self._progress.measure(poses, tip, row)
-        flat, parts = np.zeros(len(self._low), dtype=np.float32), self._slices
-        start = parts["tip"].start
+        data, dof, held = physics.data, self._dof, physics.held_object_id
+        # Objects rest in most control periods.
+        if self._known != (known := (self._places.tobytes(), self._turns.tobytes(), held)):
+            self._known, (self._objects, self._progress_now) = known, self._read_objects(data, held)
+        flat, start = self._objects.copy(), self._slices["tip"].start
+        tip = data.site_xpos[physics.world.tip_site]
         flat[:dof], flat[dof : 2 * dof] = data.qpos[:dof], data.qvel[:dof]
         flat[start : start + 3], flat[start + 3 : start + 7] = tip, physics.tip_rotation()
+        if "gripper" in self._slices:
+            flat[self._slices["gripper"]] = physics.fingers.width
+        np.minimum(np.maximum(flat, self._low, out=flat), self._high, out=flat)
+        return self._split_state_by_name(flat), self._progress_now.potential(tip)
+
+    def _read_objects(self, data: Any, held: int | None) -> tuple[Floats, ShapingState]:
+        """The state's values without the arm's, and the objects' progress."""
+        row = -1 if held is None else self._row_of.get(held, -1)
+        poses = np.empty((len(self._bodies), 7))
+        poses[:, :3], quaternions = data.xpos[self._bodies], data.xquat[self._bodies]
+        poses[:, 3:6], poses[:, 6] = quaternions[:, 1:], quaternions[:, 0]
+        progress = self._progress.measure(poses, row)
+        flat, parts = np.zeros(len(self._low), dtype=np.float32), self._slices
         flat[parts["suction"]] = held is not None
         if row >= 0:
             flat[parts["held"].start + row] = 1.0
-        if "gripper" in parts:
-            flat[parts["gripper"]] = physics.fingers.width
         for name, values in (("objects", poses), ("targets", progress.targets), ("open", progress.open)):
             begin = parts[name].start
             flat[begin : begin + values.size] = values.ravel()
-        np.clip(flat, self._low, self._high, out=flat)
-        return self._split_state_by_name(flat), progress
+        return flat, progress

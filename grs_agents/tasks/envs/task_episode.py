@@ -2,8 +2,6 @@
 
 from typing import Final
 
-import numpy as np
-
 from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.library.library import Library
 from grs_agents.sim.goals.scores import SOLVED
@@ -74,11 +72,12 @@ class TaskEpisode:
         if self.physics.held_object_id is not None:
             return False
         now = self._object_state()
-        if not np.array_equal(now, self._judged):  # resting bodies sleep, and stay where they are to the bit
+        if now != self._judged:  # resting bodies sleep, and stay where they are to the bit
             self._judged = now
             self.task.reward()
             self._solved = self.task.done() and min(self.task.get_reward(), self.strict_score) >= SOLVED
         return self._solved
 
-    def _object_state(self) -> FloatArray:
-        return np.array(self.physics.data.qpos[self.physics.world.first_free :])
+    def _object_state(self) -> bytes:
+        positions: FloatArray = self.physics.data.qpos[self.physics.world.first_free :]
+        return positions.tobytes()

@@ -17,6 +17,13 @@ def test_the_tip_comes_where_it_was_asked_to_with_the_tool_down(radius, bearing,
     np.testing.assert_allclose(rotation[:2, 0], (np.cos(yaw), np.sin(yaw)), atol=1e-9)
 
 
+def test_a_point_alone_gives_to_the_bit_what_it_gives_in_a_path() -> None:
+    tips, yaws = np.array([[0.5, 0.1, 0.1], [0.52, 0.1, 0.1], [1.4, 0.1, 0.1]]), np.array([0.3, 0.4, 0.5])
+    path = ur5e.solve_ik_tool_down(tips, yaws)
+    for tip, yaw, joints in zip(tips, yaws, path, strict=True):
+        np.testing.assert_array_equal(ur5e.solve_ik_tool_down(tip[None], np.array([yaw]))[0], joints)
+
+
 def test_points_too_far_too_near_and_too_high_are_out_of_reach() -> None:
     points = np.array([[0.5, 0, 0.1], [0.95, 0, 0.1], [0.1, 0, 0.1], [0.6, 0, 0.9]])
     assert ur5e.UR5e().reachable_mask(points).tolist() == [True, False, False, False]

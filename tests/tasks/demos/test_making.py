@@ -1,4 +1,5 @@
 import shutil
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -106,6 +107,31 @@ def test_what_was_interrupted_goes_on_where_it_stopped(blocks: Path, tmp_path: P
         assert one.instance_hash == other.instance_hash
         np.testing.assert_array_equal(one.actions, other.actions)
         np.testing.assert_array_equal(one.objects, other.objects)
+
+
+def test_several_processes_make_the_same_demonstrations(
+    blocks: Path, demonstrations: list[Demonstration], tmp_path: Path
+) -> None:
+    made = make_demonstrations(open_task_folder(blocks), ORDER, tmp_path / "work", lambda _: None, workers=2)
+    assert made.attempts == {0, 1, 2}
+    for one, other in zip(made.demonstrations(), demonstrations, strict=True):
+        assert asdict(one).keys() == asdict(other).keys()
+        for name, value in asdict(one).items():
+            np.testing.assert_equal(value, asdict(other)[name], name)
+
+
+def test_attempts_that_processes_left_out_are_made_before_later_ones_count(
+    blocks: Path, kept: Path, tmp_path: Path
+) -> None:
+    work = shutil.copytree(kept, tmp_path / "work")
+    shutil.move(work / "attempt_000002.npz", work / "attempt_000004.npz")
+    (work / "attempt_000001.npz").unlink()
+    order = ORDER.model_copy(update={"episodes": 2})
+    counts: list[int] = []
+    made = make_demonstrations(open_task_folder(blocks), order, work, lambda store: counts.append(store.count))
+    assert counts == [2, 3]
+    assert made.attempts == {0, 1}
+    assert [one.attempt for one in made.demonstrations()] == [0, 1]
 
 
 def test_a_noisy_replay_leaves_the_path_and_is_told_the_way_back(blocks: Path, tmp_path: Path) -> None:

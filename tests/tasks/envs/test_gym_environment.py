@@ -58,7 +58,7 @@ def test_a_seed_is_one_episode_to_the_bit_alone_after_others_and_in_vectors(bloc
     alone = run_actions(env, 7, actions)
     assert not is_same(alone, run_actions(env, 8, actions))
     assert is_same(alone, run_actions(env, 7, actions))
-    for mode in ("sync", "async"):
+    for mode in ("sync", "async", "vector_entry_point"):
         vector = gymnasium.make_vec(GRS, num_envs=2, vectorization_mode=mode, **arguments)
         both = run_actions(vector, 6, [np.stack([-action, action]) for action in actions])
         vector.close()
