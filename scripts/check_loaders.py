@@ -63,10 +63,10 @@ def read_lerobot(folder: Path) -> Callable[[int, int], Frame]:
         assert (int(row["episode_index"]), int(row["frame_index"])) == (episode, step)
         assert row["task"]
         images = {name: row[f"observation.images.{name}"].numpy() for name in CAMERAS}
-        action = row["action"].numpy()
+        action, task = row["action"].numpy(), row["observation.environment_state"].numpy()
         return {
             "joint_positions": row["observation.state"].numpy()[: len(action) - 1],
-            "objects": row["observation.environment_state"].numpy().reshape(-1, 7),
+            "objects": task[: 7 * len(task) // 16].reshape(-1, 7),
             "actions": action,
             "rewards": row["next.reward"].numpy().ravel()[0],
             **{f"images/{name}": 255 * image.transpose(1, 2, 0) for name, image in images.items()},

@@ -489,6 +489,7 @@ def demos(
     distractors: Distractors = 0,
     noise: Annotated[float, typer.Option("--noise", help="Of the tip in replays, metres.", min=0, max=0.05)] = 0.008,
     replays: Annotated[int, typer.Option("--replays", help="With noise, of each episode.", metavar="N", min=0)] = 0,
+    control: Annotated[str, typer.Option("--control", help="joint_position or ee_delta.")] = "joint_position",
     out: DemosOut = None,
     hub: Annotated[str, typer.Option("--push-to-hub", help=_HUB, metavar="USER/NAME")] = "",
     private: Annotated[bool, typer.Option("--private", help="On the Hub for its owner alone.")] = False,
@@ -500,13 +501,14 @@ def demos(
     Each is replayed through the environment at 25 Hz. They begin in the instances there are, then in variations of
     them. Begun again after an interruption, the same command goes on. Exit status 1: fewer episodes came about.
     """
-    from grs_agents.cli.demos import parse_cameras, parse_size, write_demonstrations
+    from grs_agents.cli.demos import parse_cameras, parse_demo_control, parse_size, write_demonstrations
     from grs_agents.tasks.demos.production import DemoOrder
 
     variation = build_variation_from_options(jitter, yaw, mass, friction, light, texture, distractors)
     order = DemoOrder(
         episodes=episodes,
         noise=noise,
+        control=parse_demo_control(control),
         replays=replays,
         seed=seed,
         variation=variation,

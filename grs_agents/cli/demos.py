@@ -15,9 +15,17 @@ from grs_agents.tasks.demos.attempt_store import AttemptStore
 from grs_agents.tasks.demos.dataset import check_format_requirements, write_dataset
 from grs_agents.tasks.demos.hub import check_hub_requirements, push_dataset
 from grs_agents.tasks.demos.production import DemoOrder, make_demonstrations
-from grs_agents.tasks.demos.types import FORMATS, Format
+from grs_agents.tasks.demos.types import DEMO_CONTROLS, FORMATS, DemoControl, Format
 from grs_agents.tasks.task_folder import DATASET_FILE, open_task_folder
 from grs_agents.views.terminal import show_activity_status
+
+
+def parse_demo_control(name: str) -> DemoControl:
+    """The control ``name`` of actions. Raises UnknownNameError."""
+    for known in DEMO_CONTROLS:
+        if known == name:
+            return known
+    raise UnknownNameError("control", name, DEMO_CONTROLS)
 
 
 def parse_format(name: str) -> Format:

@@ -30,6 +30,7 @@ def test_demonstrations_lie_beside_their_task(blocks: Path) -> None:
     ("arguments", "told"),
     [
         (["--format", "hdf5"], "use one of: lerobot, minari, robomimic"),
+        (["--control", "pick_place"], "use one of: ee_delta, joint_position"),
         (["--camera", "left"], "use one of: front, photo, wrist"),
         (["--size", "96"], "give ROWSxCOLUMNS"),
         (["--size", "95x128", "--camera", "front"], "an even number of rows and columns"),

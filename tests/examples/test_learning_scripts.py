@@ -14,7 +14,11 @@ import pytest
 from grs_agents.base import Pose
 from grs_agents.envs import GrsEnv
 from grs_agents.sim import Goal, InstanceObject, TaskInstance
+from grs_agents.tasks.demos.dataset import write_dataset
+from grs_agents.tasks.demos.production import DemoOrder, make_demonstrations
+from grs_agents.tasks.task_folder import open_task_folder
 from tests.cli.command import grs
+from tests.needs import needs
 
 ROOT = Path(__file__).parent.parent.parent
 SCRIPTS = sorted((ROOT / "grs_agents" / "examples").glob("[!_]*.py"))
@@ -78,6 +82,19 @@ def test_the_files_of_the_page_on_variations_run(tmp_path: Path, capsys: pytest.
         runpy.run_path("learn.py")
     assert made["varied"].objects[0].pose != made["instance"].objects[0].pose
     assert capsys.readouterr().out.splitlines()[-1] == "True"
+
+
+@needs("torch", "pyarrow")
+def test_closed_loop_trains_on_a_data_set_and_acts_in_its_environment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_block_task(tmp_path / "block")
+    task, order = open_task_folder(tmp_path / "block"), DemoOrder(episodes=1, replays=1, control="ee_delta")
+    made = make_demonstrations(task, order, tmp_path / "work", lambda _: None)
+    write_dataset(made, "lerobot", tmp_path / "block-demos", task)
+    monkeypatch.setattr("sys.argv", ["", str(tmp_path / "block"), "--steps", "20", "--episodes", "1"])
+    runpy.run_module("grs_agents.examples.closed_loop", run_name="__main__")
+    assert re.match(r"solved [01] of 1 \(\d+% to \d+%\), \d+\.\d CPU minutes in all\n", capsys.readouterr().out)
 
 
 def test_behaviour_cloning_learns(

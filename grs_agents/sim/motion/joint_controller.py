@@ -24,6 +24,11 @@ class JointController:
     The joint positions that an expert's episode reached a period later, as targets, repeat the episode, if suction is
     on about eight periods early (the cup grasps on contact), and the target of the period in which the expert grasped
     is the grasp itself: at the end of that period the arm has risen again.
+
+    Attributes:
+        reference: joint positions (dof,) commanded for the end of the period, rad (slides: m).
+        tip: position (3,) of the tip there, m, and its rotation (3, 3) from the tool straight down.
+        blocked: the last target was refused.
     """
 
     def __init__(self, physics: Physics, rate: float = CONTROL_RATE) -> None:
@@ -41,7 +46,8 @@ class JointController:
     def reset(self) -> None:
         """Take the present joint positions as the reference, at rest."""
         self.reference: FloatArray = self.physics.joint_positions
-        self.blocked = False  # the last target was refused
+        self.tip = self.physics.arm.tip_pose(self.reference)
+        self.blocked = False
 
     def apply(self, target: FloatArray, suction: float) -> None:
         """Simulate a control period; the hand holds for ``suction`` above 0, else fingers open to that share, -1..0.
@@ -53,12 +59,12 @@ class JointController:
         way = np.minimum(np.maximum(target, self.low), self.high) - self.reference  # np.clip takes twice as long
         way /= max(1.0, *(np.abs(way) / self.farthest).tolist())
         step = self.reference + way
-        low = physics.arm.tip_height(step) < _LOWEST
-        self.blocked = low or physics.arm.find_collision_at_joints(step) is not None
+        tip = physics.arm.tip_pose(step)
+        self.blocked = float(tip[0][2]) < _LOWEST or physics.arm.find_collision_at_joints(step) is not None
         if self.blocked:
             way[:] = 0.0
         else:
-            self.reference = step
+            self.reference, self.tip = step, tip
         # A speed that jumps from period to period would shake off the held object.
         command = physics.compensate_joint_damping(self.reference, way * self.rate)
         left = self.steps

@@ -24,7 +24,7 @@ from grs_agents.tasks.demos.types import CameraModel, Demonstration, Dropped
 
 _ORDER: Final = "order.json"
 _ARRAYS: Final = (
-    *("joint_positions", "joint_velocities", "tip", "suction", "objects", "targets", "held", "open"),
+    *("joint_positions", "joint_velocities", "tip", "commanded_tip", "suction", "objects", "targets", "held", "open"),
     *("actions", "executed_actions", "rewards", "gripper"),
 )
 _IMAGE: Final = "image:"

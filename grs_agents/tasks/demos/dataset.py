@@ -73,6 +73,7 @@ def write_dataset(store: AttemptStore, kind: Format, out: Path, folder: TaskFold
         id=hashlib.sha256(content.encode()).hexdigest()[:32],
         folder=str(out.resolve()),
         robot=first.robot,
+        control=first.control,
         rate=first.rate,
         joint_names=first.joint_names,
         gripper=first.gripper is not None,

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from grs_agents.base.files import write_json
 from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.tasks.demos.types import CameraModel, DatasetCard, Demonstration
+from grs_agents.tasks.envs.state import AGENT_STATE, TASK_STATE
 
 _DATA: Final = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 _VIDEO: Final = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
@@ -44,10 +45,9 @@ _SAMPLED: Final = 20
 def write_lerobot(demonstrations: Iterable[Demonstration], card: DatasetCard, folder: Path) -> None:
     """Write a data set into an empty folder; its pictures have an even number of rows and columns.
 
-    Each frame has ``observation.state`` (joint positions, suction holding, tip position, width of the fingers),
-    ``observation.velocity``, ``observation.environment_state`` (objects' poses), ``observation.images.<camera>``,
-    ``observation.targets``, ``observation.held``, ``observation.open``, ``action``, ``executed_action``,
-    ``next.reward``, ``next.done`` and ``next.success``.
+    Each frame has ``observation.state`` (``AGENT_STATE``, of fingers their width last), ``observation.velocity``,
+    ``observation.environment_state`` (``TASK_STATE``), ``observation.images.<camera>``, ``action``,
+    ``executed_action``, ``next.reward``, ``next.done`` and ``next.success``.
     """
     writer = _Writer(card, folder)
     for demonstration in demonstrations:
@@ -73,17 +73,15 @@ class _Writer:
         number, steps = len(self._episodes), demonstration.steps
         task = self._tasks.setdefault(demonstration.language, len(self._tasks))
         last = np.arange(steps) == steps - 1
-        held = demonstration.suction[:, None].astype(np.float32)
-        parts = [demonstration.joint_positions, held, demonstration.tip[:, :3]]
-        parts += [] if demonstration.gripper is None else [demonstration.gripper]
-        state = np.concatenate(parts, axis=1)
+
+        def join_columns(names: Sequence[str]) -> npt.NDArray[np.float32]:
+            parts = [np.asarray(getattr(demonstration, name), dtype=np.float32)[:-1] for name in names]
+            return np.concatenate([part.reshape(steps, -1) for part in parts], axis=1)
+
         columns: dict[str, npt.NDArray[Any]] = {
-            "observation.state": state[:-1],
+            "observation.state": join_columns([*AGENT_STATE, *(["gripper"] if self._card.gripper else [])]),
             "observation.velocity": demonstration.joint_velocities[:-1],
-            "observation.environment_state": demonstration.objects[:-1].reshape(steps, -1),
-            "observation.targets": demonstration.targets[:-1].reshape(steps, -1),
-            "observation.held": demonstration.held[:-1],
-            "observation.open": demonstration.open[:-1],
+            "observation.environment_state": join_columns(TASK_STATE),
             "action": demonstration.actions,
             "executed_action": demonstration.executed_actions,
             "next.reward": demonstration.rewards,
@@ -171,18 +169,22 @@ def _describe_features(card: DatasetCard) -> dict[str, Any]:
     def describe_scalar_feature(kind: str) -> dict[str, Any]:
         return {"dtype": kind, "shape": [1], "names": None}
 
-    joints, fingers = list(card.joint_names), ["gripper"] if card.gripper else []
-    acting = [*joints, *(fingers or ["suction"])]
-    poses = [f"{name}.{part}" for name in card.object_names for part in ("x", "y", "z", "qx", "qy", "qz", "qw")]
+    joints = list(card.joint_names)
+    objects = [name.replace("/", ":") for name in card.object_names]
+
+    def name_pose(name: str) -> list[str]:
+        return [f"{name}.{part}" for part in ("x", "y", "z", "qx", "qy", "qz", "qw")]
+
+    task = [column for name in objects for column in name_pose(name)]
+    task += [column for name in objects for column in name_pose(f"{name}.target")]
+    task += [f"{name}.{flag}" for flag in ("held", "open") for name in objects]
+    agent = [*joints, "suction", *name_pose("tip"), *name_pose("commanded_tip"), *(["gripper"] if card.gripper else [])]
     features = {
-        "observation.state": describe_vector_feature([*joints, "suction", "tip.x", "tip.y", "tip.z", *fingers]),
+        "observation.state": describe_vector_feature(agent),
         "observation.velocity": describe_vector_feature(joints),
-        "observation.environment_state": describe_vector_feature([name.replace("/", ":") for name in poses]),
-        "observation.targets": describe_vector_feature([name.replace("/", ":") for name in poses]),
-        "observation.held": describe_vector_feature([name.replace("/", ":") for name in card.object_names]),
-        "observation.open": describe_vector_feature([name.replace("/", ":") for name in card.object_names]),
-        "action": describe_vector_feature(acting),
-        "executed_action": describe_vector_feature(acting),
+        "observation.environment_state": describe_vector_feature(task),
+        "action": describe_vector_feature(list(card.action_names)),
+        "executed_action": describe_vector_feature(list(card.action_names)),
         "next.reward": describe_scalar_feature("float32"),
         "next.done": describe_scalar_feature("bool"),
         "next.success": describe_scalar_feature("bool"),

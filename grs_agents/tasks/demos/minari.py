@@ -38,6 +38,7 @@ def write_minari(demonstrations: Iterable[Demonstration], card: DatasetCard, fol
         "joint_positions": make_unbounded_box(dof),
         "joint_velocities": make_unbounded_box(dof),
         "tip": make_unbounded_box(7),
+        "commanded_tip": make_unbounded_box(7),
         "suction": spaces.Box(0, 1, (1,), np.float32),
         "objects": make_unbounded_box(len(card.object_names), 7),
         "targets": make_unbounded_box(len(card.object_names), 7),
@@ -48,12 +49,13 @@ def write_minari(demonstrations: Iterable[Demonstration], card: DatasetCard, fol
         parts["gripper"] = make_unbounded_box(1)
     for camera in card.cameras:
         parts[camera.name] = spaces.Box(0, 255, (camera.height, camera.width, 3), np.uint8)
-    observations, actions = spaces.Dict(parts), make_unbounded_box(dof + 1)
+    observations, actions = spaces.Dict(parts), make_unbounded_box(len(card.action_names))
     storage = kind.new(path, observation_space=observations, action_space=actions)
     metadata: list[dict[str, Any]] = []
     storage.update_episodes(_make_episode_buffers(demonstrations, metadata))
     storage.update_episode_metadata(metadata)
     module, _, name = ENVIRONMENT.partition(":")
+    moves = ", ".join(card.action_names)
     import_module(module)  # registers the environment
     registered: Any = cast(Any, registration).spec(name)  # its observations have the data set's names
     storage.update_metadata(
@@ -63,7 +65,7 @@ def write_minari(demonstrations: Iterable[Demonstration], card: DatasetCard, fol
             "env_spec": replace(registered, kwargs=card.environment_arguments).to_json(),
             "algorithm_name": "the expert of GRS",
             "requirements": [f"grs-agents=={card.versions['grs-agents']}"],
-            "description": f"Demonstrations of {card.name} at {card.rate:g} Hz; action: joint positions, hand.",
+            "description": f"Demonstrations of {card.name} at {card.rate:g} Hz; action: {moves}.",
         }
     )
 
@@ -89,6 +91,7 @@ def _make_episode_buffers(demonstrations: Iterable[Demonstration], metadata: lis
                 "joint_positions": demonstration.joint_positions,
                 "joint_velocities": demonstration.joint_velocities,
                 "tip": demonstration.tip,
+                "commanded_tip": demonstration.commanded_tip,
                 "suction": demonstration.suction[:, None].astype(np.float32),
                 "objects": demonstration.objects,
                 "targets": demonstration.targets,

@@ -27,8 +27,16 @@ from grs_agents.sim.variation.vary import vary_instance
 from grs_agents.sim.world.fingers import Fingers
 from grs_agents.sim.world.physics import Physics
 from grs_agents.tasks.demos.attempt_store import AttemptStore
-from grs_agents.tasks.demos.types import CameraModel, Demonstration, Dropped, Floats, Row, installed_versions
-from grs_agents.tasks.envs.controls import JointPositionControl
+from grs_agents.tasks.demos.types import (
+    CameraModel,
+    DemoControl,
+    Demonstration,
+    Dropped,
+    Floats,
+    Row,
+    installed_versions,
+)
+from grs_agents.tasks.envs.controls import LARGEST_STEPS, LOWEST_TIP, EeDeltaControl, JointPositionControl
 from grs_agents.tasks.envs.pictures import Photographer
 from grs_agents.tasks.envs.state import StateReader
 from grs_agents.tasks.envs.task_episode import TaskEpisode
@@ -49,19 +57,27 @@ _EARLY: Final = 8
 _AFTER_RELEASE: Final = 3
 """Control periods after a release in which suction stays off."""
 _PRESS_STEPS: Final = 30
-_PRESS: Final = 10
+_PRESS: Final = 3
 """Physics steps that the arm presses on after it took hold, by as much as it moved in the last ``_PRESS``, so that a
-replay that is a millimetre too high touches all the same."""
+replay that is half a millimetre too high touches all the same; at three times as much the cup shears off."""
 _REST_STEPS: Final = 20
 """Physics steps that the arm waits where it releases."""
 _NOISE_WIDTH: Final = 7.0
 """Standard deviation of the kernel that smooths execution noise, control periods: jittery noise shakes objects off."""
 _NOISE_TWIST: Final = np.array([1.0, 1.0, 0.7, 0.0, 0.0, 6.25])
 """Execution noise of the tip relative to its horizontal shift (1; rad/m): at 8 mm it turns by 0.05 rad."""
-_CAREFUL, _CAREFUL_PERIODS, _CAREFUL_RAMP = 0.15, 4, 8
-"""Least share of the noise, control periods around a grasp or release with it, and those until the noise is whole."""
-_LOWEST: Final = 0.001
-"""Lowest height of the tip with noise, metres."""
+_CAREFUL, _CAREFUL_REACH, _CAREFUL_RAMP = 0.15, 0.03, 0.08
+"""Least share of the noise, distance from a grasp or release up to which it holds, and that in which the noise grows to
+the whole, metres: an object that is lifted or set down may touch its neighbours."""
+_LARGEST_SHARE: Final = 0.8
+"""Share of the largest step of ``ee_delta`` that the expert uses: the rest is for corrections of noisy replays."""
+_CORRECTED: Final = 0.15
+"""Share of the way back to the path in an action of a noisy replay with ``ee_delta``: a chunk of such actions sums up
+to about the whole way."""
+_UPRIGHT_TOOL: Final = float(np.cos(np.deg2rad(2)))
+"""Least cosine of the tool's tilt in demonstrations with ``ee_delta``, which keeps it straight down."""
+_TAIL_PERIODS: Final = 15
+"""Control periods after the step that solves the task: the hand stays off, and retreats."""
 _SETTLE_PERIODS: Final = 50
 """Control periods (2 s) in which the scene may come to rest after the last action."""
 
@@ -71,6 +87,7 @@ class DemoOrder(Frozen):
 
     episodes: Annotated[int, Field(ge=1, le=1_000_000)] = 200  # without noise
     noise: Annotated[float, Field(ge=0, le=0.05)] = 0.008  # of replays, standard deviation of the tip's shift, m
+    control: DemoControl = "joint_position"  # of the actions
     replays: Annotated[int, Field(ge=0, le=1000)] = 0  # of each episode with noise, besides the one without
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 0  # of the variations
     variation: Variation = _VARIED
@@ -158,7 +175,9 @@ class _Attempts:
             message = f"{folder.path} does not say where its photo was taken from"
             raise InputError(message, "leave the camera photo out")
         ((rows, robot, hand),) = counts
-        self._replayer = Replayer(folder.library, get_arm(robot, hand), rows, order.cameras, order.size, order.renderer)
+        self._replayer = Replayer(
+            folder.library, get_arm(robot, hand), rows, order.control, order.cameras, order.size, order.renderer
+        )
         self._clean: tuple[int, Demonstration | Dropped] | None = None  # the last episode, by its number
 
     @property
@@ -188,8 +207,11 @@ class _Attempts:
         try:
             episode.begin(TaskInstance.model_validate_json(clean.instance))
             rng = np.random.default_rng((self.order.seed, number, noisy))
-            executed = add_execution_noise(clean, episode.sim.arm, self.order.noise, rng)
-            if demonstration := self._replayer.run(clean.actions, executed):
+            if clean.control == "ee_delta":
+                actions, executed = add_step_noise(clean, self.order.noise, rng)
+            else:
+                actions, executed = clean.actions, add_execution_noise(clean, episode.sim.arm, self.order.noise, rng)
+            if demonstration := self._replayer.run(actions, executed):
                 return replace(demonstration, attempt=attempt, base_seed=clean.base_seed)
             raise SimulationError(episode.sim.current_episode.detail)
         except GrsError as error:
@@ -209,10 +231,20 @@ class _Attempts:
             if not episode.is_solved():
                 raise SimulationError(episode.sim.current_episode.detail)
             stage = "replay"
-            period = round(1 / (CONTROL_RATE * instance.timestep))
+            period, arm = round(1 / (CONTROL_RATE * instance.timestep)), episode.sim.arm
+            if self.order.control == "ee_delta":
+                pace = (_PACES if grip is None else _FINGER_PACES)[0]
+                times = pace_within_steps(arm, positions, _LARGEST_SHARE / (pace * period))
+                rows = np.floor(times).astype(int)
+                before = positions[rows]
+                positions = before + (times - rows)[:, None] * (positions[np.minimum(rows + 1, len(held) - 1)] - before)
+                held, grip = held[rows], None if grip is None else grip[rows]
             for slower in range(len(_PACES)):
                 episode.begin(instance)
-                if demonstration := self._replayer.run(expert_actions(positions, held, grip, period, slower)):
+                actions = expert_actions(positions, held, grip, period, slower)
+                if self.order.control == "ee_delta":
+                    actions = joint_actions_to_steps(arm, actions, episode.physics.joint_positions)
+                if demonstration := self._replayer.run(actions):
                     return replace(demonstration, base_seed=base)
             raise SimulationError(episode.sim.current_episode.detail)
         except GrsError as error:
@@ -311,6 +343,37 @@ def path_to_finger_actions(
     return np.concatenate([targets, grip[before][:, None]], axis=1).astype(np.float32)
 
 
+def pace_within_steps(arm: Arm, positions: FloatArray, share: float) -> FloatArray:
+    """Row numbers (M,), with fractions, at which joint positions (N, dof) are to be read for a tip that is slow enough.
+
+    Between two of them it moves by at most ``share`` of ``LARGEST_STEPS``, and by at most a row.
+    """
+    ways = np.abs(np.diff(_level_tips(arm, positions), axis=0)) / (share * LARGEST_STEPS)
+    times = np.append(0.0, np.cumsum(np.maximum(ways.max(axis=1), 1.0)))
+    rows: FloatArray = np.interp(np.arange(int(np.ceil(times[-1])) + 1), times, np.arange(len(times)))
+    return rows
+
+
+def joint_actions_to_steps(arm: Arm, actions: Floats, start: FloatArray) -> npt.NDArray[np.float32]:
+    """Actions (T, 5) of ``ee_delta`` that lead the tip along those of ``joint_position`` (T, dof + 1), from ``start``
+    (dof,) on.
+
+    Raises ``SimulationError`` where the tool tilts.
+    """
+    tips = _level_tips(arm, np.vstack([start, actions[:, :-1].astype(np.float64)]))
+    return np.column_stack([np.diff(tips, axis=0) / LARGEST_STEPS, actions[:, -1]]).astype(np.float32)
+
+
+def _level_tips(arm: Arm, path: FloatArray) -> FloatArray:
+    """Position (m) and continuous turn about the vertical (rad) of the tip (N, 4) along joint positions (N, dof)."""
+    points, rotations = arm.tip_poses(path)
+    upright = float(rotations[:, 2, 2].min())
+    if upright < _UPRIGHT_TOOL:
+        tilt = np.rad2deg(np.arccos(upright))
+        raise SimulationError(f"the expert tilts the tool by {tilt:.0f} degrees, ee_delta keeps it straight down")
+    return np.column_stack([points, np.unwrap(np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0]))])
+
+
 def add_execution_noise(
     clean: Demonstration, arm: Arm, sigma: float, rng: np.random.Generator
 ) -> npt.NDArray[np.float32]:
@@ -318,56 +381,94 @@ def add_execution_noise(
 
     An imitator that has seen them sees how to come back to the path (DART, Laskey et al. 2017).
     """
+    executed = clean.actions.copy()
+    for row, twist in enumerate(_smooth_twists(clean, sigma, rng)):
+        joints = clean.actions[row, :-1].astype(np.float64)
+        twist[2] = max(twist[2], min(0.0, LOWEST_TIP - arm.tip_height(joints)))
+        executed[row, :-1] = arm.shift_tip(joints, twist)
+    return executed
+
+
+def add_step_noise(clean: Demonstration, sigma: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
+    """As ``add_execution_noise`` for ``ee_delta``: the actions (T, 5) that lead back to the path, and those with noise.
+
+    Noise is cut off where a step would be too large.
+    """
+    actions, executed = clean.actions.copy(), clean.actions.copy()
+    shift = np.zeros(4)
+    for row, twist in enumerate(_smooth_twists(clean, sigma, rng)):
+        wanted = twist[[0, 1, 2, 5]]
+        height = float(clean.commanded_tip[row + 1, 2])
+        wanted[2] = max(wanted[2], min(0.0, LOWEST_TIP - height))
+        step = clean.actions[row, :4] * LARGEST_STEPS
+        actions[row, :4] = np.clip((step - _CORRECTED * shift) / LARGEST_STEPS, -1.0, 1.0)
+        executed[row, :4] = np.clip((step + wanted - shift) / LARGEST_STEPS, -1.0, 1.0)
+        shift += executed[row, :4] * LARGEST_STEPS - step
+    return actions, executed
+
+
+def _smooth_twists(clean: Demonstration, sigma: float, rng: np.random.Generator) -> FloatArray:
+    """Twists (T, 6) of the tip, m and rad, of execution noise."""
     steps, holds = clean.steps, clean.suction
-    events: npt.NDArray[np.intp] = np.append(np.flatnonzero(holds[1:] != holds[:-1]), steps - 1)
-    away = np.abs(np.arange(steps)[:, None] - events[None]).min(axis=1)
-    share: FloatArray = np.clip((away - _CAREFUL_PERIODS) / _CAREFUL_RAMP, _CAREFUL, 1.0)
+    points = clean.commanded_tip[1:, :3].astype(np.float64)
+    contacts = points[holds[1:] != holds[:-1]]
+    away = np.linalg.norm(points[:, None] - contacts[None], axis=2).min(axis=1, initial=np.inf)
+    share: FloatArray = np.clip((away - _CAREFUL_REACH) / _CAREFUL_RAMP, _CAREFUL, 1.0)
     half = 3 * round(_NOISE_WIDTH)
     kernel: FloatArray = np.exp(-0.5 * (np.arange(-half, half + 1) / _NOISE_WIDTH) ** 2)
     kernel /= np.linalg.norm(kernel)  # unit variance
     white = rng.standard_normal((6, steps + 2 * half))
     smooth: FloatArray = np.stack([np.convolve(axis, kernel, "valid") for axis in white], axis=1)
-    twists = smooth * share[:, None] * _NOISE_TWIST * sigma
-    executed = clean.actions.copy()
-    for row, twist in enumerate(twists):
-        joints = clean.actions[row, :-1].astype(np.float64)
-        twist[2] = max(twist[2], min(0.0, _LOWEST - arm.tip_height(joints)))
-        executed[row, :-1] = arm.shift_tip(joints, twist)
-    return executed
+    twists: FloatArray = smooth * share[:, None] * _NOISE_TWIST * sigma
+    twists[:, 2] *= (share - _CAREFUL) / (1 - _CAREFUL)  # a cup that presses harder shears off, a higher one misses
+    return twists
 
 
 class Replayer:
-    """Replays actions as the environment ``GRS-v0`` with the control ``joint_position``, and records observations.
+    """Replays actions as the environment ``GRS-v0`` does, and records observations.
 
     Args:
         library: 3D assets.
         arm: of all episodes, with its hand.
         rows: number of objects of the tasks.
+        control: of the actions.
         cameras: names of the cameras.
         size: rows and columns of the pictures.
         renderer: of the pictures.
     """
 
     def __init__(
-        self, library: Library, arm: Arm, rows: int, cameras: Sequence[str], size: tuple[int, int], renderer: Backend
+        self,
+        library: Library,
+        arm: Arm,
+        rows: int,
+        control: DemoControl,
+        cameras: Sequence[str],
+        size: tuple[int, int],
+        renderer: Backend,
     ) -> None:
         self.episode = TaskEpisode(library)
-        self._control, self._state = JointPositionControl(arm), StateReader(arm, rows)
+        self._control_name: DemoControl = control
+        self._control = EeDeltaControl(arm) if control == "ee_delta" else JointPositionControl(arm)
+        self._state = StateReader(arm, rows)
         self._photographer = Photographer(cameras, ("rgb",), size, renderer)
 
     def run(self, actions: Floats, executed: Floats | None = None) -> Demonstration | None:
-        """Replay actions (T, dof + 1) in the episode that was just begun, until the task is solved.
+        """Replay actions (T, D) in the episode that was just begun, until the task is solved and the hand retreated.
 
-        With ``executed`` (T, dof + 1) these are carried out, and ``actions`` noted as what was right to do. None if the
-        environment's horizon ends first.
+        With ``executed`` (T, D) these are carried out, and ``actions`` noted as what was right to do. None if the
+        environment's horizon ends first, or the task does not stay solved.
         """
         episode, control = self.episode, self._control
-        for part in (control, self._state, self._photographer):
+        for part in (control, self._photographer):
             part.begin(episode)
+        self._state.begin(episode, control)
         cameras = tuple(self._describe_camera(name, episode.physics) for name in self._photographer.cameras)
-        waiting = np.append(actions[-1, :-1], np.float32(-1))
-        labels = np.concatenate([actions, np.tile(waiting, (_SETTLE_PERIODS, 1))])
-        labels = labels[: control.horizon(episode.instance.max_steps)]
+        rest = np.zeros_like(actions[-1, :-1]) if self._control_name == "ee_delta" else actions[-1, :-1]
+        waiting = np.tile(np.append(rest, np.float32(-1)), (_SETTLE_PERIODS + _TAIL_PERIODS, 1))
+        labels = np.concatenate([actions, waiting])
+        last = min(len(actions) + _SETTLE_PERIODS, control.horizon(episode.instance.max_steps))
+        solved = None
         carried_out = labels.copy()
         if executed is not None:
             carried_out[: len(executed)] = executed[: len(labels)]
@@ -377,9 +478,14 @@ class Replayer:
             episode.physics.raise_if_diverged()
             states.append(self._state.read()[0])
             pictures.append(self._photographer.take())
-            if episode.is_solved():
-                return self._make_demonstration(states, pictures, labels[:step], carried_out[:step], cameras)
-        return None
+            if solved is None and episode.is_solved():
+                solved, last = step, step + _TAIL_PERIODS
+            if step == last:
+                break
+        if solved is None or not episode.is_solved():
+            return None
+        rewards = (np.arange(1, last + 1) == solved).astype(np.float32)
+        return self._make_demonstration(states, pictures, labels[:last], carried_out[:last], rewards, cameras)
 
     def close(self) -> None:
         """Release the renderer."""
@@ -391,6 +497,7 @@ class Replayer:
         pictures: list[dict[str, npt.NDArray[np.uint8]]],
         actions: Floats,
         executed: Floats,
+        rewards: Floats,
         cameras: tuple[CameraModel, ...],
     ) -> Demonstration:
         instance, physics = self.episode.instance, self.episode.physics
@@ -400,11 +507,13 @@ class Replayer:
             instance_hash=hash_instance(instance),
             language=instance.language,
             robot=physics.arm.name,
+            control=self._control_name,
             joint_names=tuple(str(physics.model.joint(index).name) for index in range(physics.dof)),
             rate=CONTROL_RATE,
             joint_positions=columns["joint_positions"],
             joint_velocities=columns["joint_velocities"],
             tip=columns["tip"],
+            commanded_tip=columns["commanded_tip"],
             suction=columns["suction"][:, 0] > 0,
             gripper=columns.get("gripper"),
             objects=columns["objects"],
@@ -414,7 +523,7 @@ class Replayer:
             open=columns["open"],
             actions=actions,
             executed_actions=executed,
-            rewards=np.append(np.zeros(len(actions) - 1), 1.0).astype(np.float32),
+            rewards=rewards,
             strict=self.episode.strict_score,
             images={
                 camera.name: np.array([picture[f"{camera.name}_rgb"] for picture in pictures]) for camera in cameras

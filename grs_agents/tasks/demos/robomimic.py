@@ -21,9 +21,9 @@ _HELD_OUT: Final = 10
 def write_robomimic(demonstrations: Iterable[Demonstration], card: DatasetCard, folder: Path) -> None:
     """Write ``demos.hdf5`` into a folder.
 
-    Observations: ``robot0_joint_pos``, ``robot0_joint_vel``, ``robot0_eef_pos``, ``robot0_eef_quat``, ``suction``, of
-    fingers ``robot0_gripper_qpos`` (their width), ``object`` (objects' poses), ``target`` (their places'), ``held``,
-    ``open`` and ``<camera>_image``. Pictures are kept without loss.
+    Observations: ``robot0_joint_pos``, ``robot0_joint_vel``, ``robot0_eef_pos``, ``robot0_eef_quat``,
+    ``commanded_tip``, ``suction``, of fingers ``robot0_gripper_qpos`` (their width), ``object`` (objects' poses),
+    ``target`` (their places'), ``held``, ``open`` and ``<camera>_image``. Pictures are kept without loss.
     """
     h5py: Any = import_module("h5py")
     with h5py.File(folder / FILE, "w") as file:
@@ -56,6 +56,7 @@ def _write_episode(group: Any, demonstration: Demonstration) -> None:
         "robot0_joint_vel": demonstration.joint_velocities,
         "robot0_eef_pos": demonstration.tip[:, :3],
         "robot0_eef_quat": demonstration.tip[:, 3:],
+        "commanded_tip": demonstration.commanded_tip,
         "suction": demonstration.suction[:, None].astype(np.float32),
         "object": demonstration.objects.reshape(len(demonstration.objects), -1),
         "target": demonstration.targets.reshape(len(demonstration.targets), -1),

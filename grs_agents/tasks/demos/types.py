@@ -3,7 +3,7 @@
 import importlib.metadata
 import platform
 from dataclasses import dataclass, field
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,8 @@ from grs_agents.base.version import __version__
 
 Format = Literal["lerobot", "robomimic", "minari"]
 FORMATS: Final[tuple[Format, ...]] = ("lerobot", "robomimic", "minari")
+DemoControl = Literal["joint_position", "ee_delta"]
+DEMO_CONTROLS: Final[tuple[DemoControl, ...]] = get_args(DemoControl)
 ENVIRONMENT: Final = "grs_agents.envs:GRS-v0"
 """Gymnasium id of the environment of a data set."""
 Floats = npt.NDArray[np.float32]
@@ -43,21 +45,23 @@ class Demonstration:
     instance_hash: str  # sha256 of it
     language: str  # the task in words
     robot: str  # the arm's name
+    control: DemoControl  # that the actions are for
     joint_names: tuple[str, ...]  # dof
     rate: float  # steps a second
     joint_positions: Floats  # (T + 1, dof)
     joint_velocities: Floats  # (T + 1, dof)
     tip: Floats  # (T + 1, 7) position of the cup's tip, rotation from straight down
+    commanded_tip: Floats  # (T + 1, 7) the tip's pose that the arm was sent to
     suction: npt.NDArray[np.bool_]  # (T + 1,) whether the hand holds an object
     objects: Floats  # (T + 1, N, 7)
     object_names: tuple[str, ...]  # N, asset name and id in the instance
     targets: Floats  # (T + 1, N, 7) nearest place that a goal wants each object at, its own pose without any
     held: Floats  # (T + 1, N) 1 for the object in the hand
     open: Floats  # (T + 1, N) 1 for objects that are not at their place yet
-    # (T, dof + 1) joint positions at the next step, then the hand: 1 to hold; suction off is -1, fingers open to the
-    # share of their stroke that is the negative value
+    # (T, D) of the control, e.g. joint positions at the next step, then the hand: 1 to hold; suction off is -1, fingers
+    # open to the share of their stroke that is the negative value
     actions: Floats
-    executed_actions: Floats  # (T, dof + 1) what was carried out: ``actions``, with noise in noisy replays
+    executed_actions: Floats  # (T, D) what was carried out: ``actions``, with noise in noisy replays
     rewards: Floats  # (T,) 1 for the step that solves the task, else 0
     strict: float  # strict score at the end, 0..1
     images: dict[str, npt.NDArray[np.uint8]] = field(
@@ -89,6 +93,7 @@ class DatasetCard(Frozen):
     # absolute output path; written only into the arguments of the environment
     folder: str = Field(default="", exclude=True)
     robot: str
+    control: DemoControl
     rate: float  # Hz
     joint_names: tuple[str, ...]
     gripper: bool = False  # whether the hand has fingers
@@ -97,11 +102,17 @@ class DatasetCard(Frozen):
     versions: dict[str, str]  # of the packages that the result depends on
 
     @property
+    def action_names(self) -> tuple[str, ...]:
+        """Names of the columns of an action."""
+        moves = self.joint_names if self.control == "joint_position" else ("tip.x", "tip.y", "tip.z", "tip.yaw")
+        return (*moves, "gripper" if self.gripper else "suction")
+
+    @property
     def environment_arguments(self) -> dict[str, Any]:
         """Arguments of ``GRS-v0`` for the episodes' instances and control."""
         shown = {"cameras": [camera.name for camera in self.cameras]} if self.cameras else {}
         size = {"image_size": [self.cameras[0].height, self.cameras[0].width]} if self.cameras else {}
-        acts = {"control": "joint_position", "normalized": False, "reward": "sparse"}
+        acts = {"control": self.control, "normalized": False, "reward": "sparse"}
         return {"run": self.folder, "dataset": self.id, **acts, **shown, **size}
 
 

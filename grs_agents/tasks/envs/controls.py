@@ -15,9 +15,9 @@ from grs_agents.tasks.envs.task_episode import TaskEpisode
 
 ControlName = Literal["pick_place", "push", "ee_delta", "joint_position", "joint_velocity"]
 CONTROLS: Final[tuple[ControlName, ...]] = get_args(ControlName)
-LARGEST_STEP, LARGEST_TURN = 0.03, 0.2
-"""Largest step of the tip in a control period of ``ee_delta``: metres along each axis, radians about the vertical."""
-_LOWEST: Final = 0.001
+LARGEST_STEPS: Final[FloatArray] = np.array([0.03, 0.03, 0.03, 0.2])
+"""Largest steps of the tip in a control period of ``ee_delta``: metres along x, y and z, radians about the vertical."""
+LOWEST_TIP: Final = 0.001
 """Lowest target height of the tip, metres."""
 _WORKSPACE: Final = ((0.1, 0.9), (-0.75, 0.75))
 """Bounds of x and y for primitives, metres."""
@@ -40,6 +40,11 @@ class Control(Protocol):
         """Actions per second; None for whole motions."""
         ...
 
+    @property
+    def commanded_tip(self) -> tuple[FloatArray, FloatArray]:
+        """Commanded position (3,) of the tip, m, and its rotation (3, 3) from the tool straight down."""
+        ...
+
     def begin(self, episode: TaskEpisode) -> None:
         """An episode begins."""
         ...
@@ -53,33 +58,42 @@ class Control(Protocol):
         ...
 
 
-class JointPositionControl:
-    """Joint positions at the end of the control period (rad, or m of a slide), then the hand.
-
-    It holds above 0: suction is on, fingers close. Else suction is off, and fingers open to that share of their stroke.
-    """
+class _ArmControl:
+    """Control periods of a joint controller."""
 
     rate: float = CONTROL_RATE
 
-    def __init__(self, arm: Arm) -> None:
-        self.low = np.append(arm.lower_joint_limits, -1.0)
-        self.high = np.append(arm.upper_joint_limits, 1.0)
+    @property
+    def commanded_tip(self) -> tuple[FloatArray, FloatArray]:
+        """As ``Control.commanded_tip``: the tip at the end of the last period, had the arm no lag."""
+        return self._controller.tip
 
     def begin(self, episode: TaskEpisode) -> None:
         """An episode begins."""
-        self._controller = JointController(episode.physics)
-
-    def apply(self, action: FloatArray) -> dict[str, object]:
-        """Simulate a control period."""
-        self._controller.apply(action[:-1], float(action[-1]))
-        return {"blocked": self._controller.blocked}
+        self._controller = JointController(episode.physics, self.rate)
 
     def horizon(self, max_steps: int) -> int:
         """Control periods."""
         return round(_SECONDS_PER_ACTION * self.rate) * max_steps
 
 
-class JointVelocityControl:
+class JointPositionControl(_ArmControl):
+    """Joint positions at the end of the control period (rad, or m of a slide), then the hand.
+
+    It holds above 0: suction is on, fingers close. Else suction is off, and fingers open to that share of their stroke.
+    """
+
+    def __init__(self, arm: Arm) -> None:
+        self.low = np.append(arm.lower_joint_limits, -1.0)
+        self.high = np.append(arm.upper_joint_limits, 1.0)
+
+    def apply(self, action: FloatArray) -> dict[str, object]:
+        """Simulate a control period."""
+        self._controller.apply(action[:-1], float(action[-1]))
+        return {"blocked": self._controller.blocked}
+
+
+class JointVelocityControl(_ArmControl):
     """Joint speeds as shares of ``LARGEST_VELOCITY`` (slides: m/s of it), then the hand as in ``JointPositionControl``.
 
     A period is 1/15 s, rounded to whole physics steps: 68 ms at 4 ms.
@@ -89,53 +103,35 @@ class JointVelocityControl:
         self.low, self.high = np.full(arm.dof + 1, -1.0), np.full(arm.dof + 1, 1.0)
         self.rate = 1.0 / (max(1, round(1.0 / (VELOCITY_RATE * timestep))) * timestep)
 
-    def begin(self, episode: TaskEpisode) -> None:
-        """An episode begins."""
-        self._controller = JointController(episode.physics, self.rate)
-
     def apply(self, action: FloatArray) -> dict[str, object]:
         """Simulate a control period."""
         target = self._controller.reference + action[:-1] * (LARGEST_VELOCITY / self.rate)
         self._controller.apply(target, float(action[-1]))
         return {"blocked": self._controller.blocked}
 
-    def horizon(self, max_steps: int) -> int:
-        """Control periods."""
-        return round(_SECONDS_PER_ACTION * self.rate) * max_steps
 
-
-class EeDeltaControl:
+class EeDeltaControl(_ArmControl):
     """Steps of the tip along x, y, z and a turn about the vertical, as shares of the largest, then the hand as in
     ``JointPositionControl``.
 
     The tool points down; the arm stays where a step is out of reach.
     """
 
-    rate: float = CONTROL_RATE
-
-    def __init__(self) -> None:
+    def __init__(self, arm: Arm) -> None:
+        self._arm = arm
         self.low, self.high = np.full(5, -1.0), np.full(5, 1.0)
-        self._scale = np.array([LARGEST_STEP, LARGEST_STEP, LARGEST_STEP, LARGEST_TURN])
-
-    def begin(self, episode: TaskEpisode) -> None:
-        """An episode begins."""
-        self._arm, self._controller = episode.sim.arm, JointController(episode.physics)
 
     def apply(self, action: FloatArray) -> dict[str, object]:
         """Simulate a control period."""
         here = self._controller.reference
-        tip, rotation = self._arm.tip_pose(here)
-        (x, y, z), (dx, dy, dz, turn) = tip.tolist(), (self._scale * action[:4]).tolist()
-        goal = np.array([[x + dx, y + dy, max(z + dz, _LOWEST)]])
+        tip, rotation = self._controller.tip
+        (x, y, z), (dx, dy, dz, turn) = tip.tolist(), (LARGEST_STEPS * action[:4]).tolist()
+        goal = np.array([[x + dx, y + dy, max(z + dz, LOWEST_TIP)]])
         yaw = math.atan2(rotation[1, 0], rotation[0, 0]) + turn
         joints = self._arm.solve_ik_tool_down(goal, np.array([yaw]), here)[0]
         reachable = all(abs(turn) < 1.0 for turn in (joints - here).tolist())  # False for NaN
         self._controller.apply(joints if reachable else here, float(action[4]))
         return {"blocked": self._controller.blocked or not reachable}
-
-    def horizon(self, max_steps: int) -> int:
-        """Control periods."""
-        return round(_SECONDS_PER_ACTION * self.rate) * max_steps
 
 
 class PrimitiveControl:
@@ -152,6 +148,12 @@ class PrimitiveControl:
         self.low = np.array([x0, y0, x0, y0, *(-angle for angle in turn)])
         self.high = np.array([x1, y1, x1, y1, *turn])
         self._push = push
+
+    @property
+    def commanded_tip(self) -> tuple[FloatArray, FloatArray]:
+        """As ``Control.commanded_tip``, where the last motion ended."""
+        physics = self._episode.physics
+        return physics.arm.tip_pose(physics.commanded_joint_positions)
 
     def begin(self, episode: TaskEpisode) -> None:
         """An episode begins."""
@@ -191,4 +193,4 @@ def make_control(name: str, instance: TaskInstance, arm: Arm) -> Control:
     if abs(steps - round(steps)) > 1e-6:
         message = f"control {name!r}: {CONTROL_RATE:g} Hz is no whole number of {1000 * instance.timestep:g} ms steps"
         raise InputError(message, f"use control={instance.primitive!r}")
-    return JointPositionControl(arm) if name == "joint_position" else EeDeltaControl()
+    return JointPositionControl(arm) if name == "joint_position" else EeDeltaControl(arm)

@@ -26,7 +26,7 @@ _BROUGHT, _REACHED, _HELD = 0.4, 0.25, 0.25
 class ShapingState:
     """Objects against their places."""
 
-    targets: FloatArray  # (N, 7) nearest place of each object, its own pose without any
+    targets: FloatArray  # (N, 7) nearest place of each object, turned by its symmetry; its own pose without any
     open: npt.NDArray[np.bool_]  # (N,) the object has a place and is not there
     scores: FloatArray  # (K,) of the objects with a place: 1 there, less elsewhere
     approached: int = -1  # row of ``scores`` that gains by the tip's nearness; -1 for none
@@ -51,6 +51,7 @@ class GoalPlace:
     half: tuple[float, float] = (0.0, 0.0)  # half extents of the rectangle, metres
     slack: float = 1e-9
     beside: int | None = None  # id of the object that the rectangle is fixed to, at its centre
+    symmetry: float = 2 * math.pi  # turn after which the object looks the same, rad; 0: any turn
 
 
 def find_goal_places_per_object(episode: TaskEpisode) -> dict[int, list[GoalPlace]]:
@@ -69,7 +70,8 @@ def find_goal_places_per_object(episode: TaskEpisode) -> dict[int, list[GoalPlac
 def _places_in_goal(goal: Goal, index: int, sim: TabletopSim, pos_eps: float) -> list[GoalPlace]:
     width = min(sim.get_object_size(goal.objects[index])[:2])
     if goal.metric == "pose":
-        return [GoalPlace(goal.targets[target], slack=pos_eps) for target in goal.allowed_target_indices(index)]
+        symmetry, allowed = goal.symmetries[index], goal.allowed_target_indices(index)
+        return [GoalPlace(goal.targets[target], slack=pos_eps, symmetry=symmetry) for target in allowed]
     if goal.metric == "zone":
         return [
             GoalPlace(zone.pose, _half_extents_of_free_room((zone.size[0], zone.size[1]), width)) for zone in goal.zones
@@ -113,18 +115,34 @@ class _PlaceTable:
         halves: FloatArray = np.array([[place.half for place in row] for row in table]).reshape(*shape, 2)
         self._half_x, self._half_y = halves[:, :, 0], halves[:, :, 1]
         self._slack: FloatArray = np.array([[place.slack for place in row] for row in table]).reshape(shape)
+        self._symmetry: FloatArray = np.array([[place.symmetry for place in row] for row in table]).reshape(shape)
         self._each = np.arange(len(table))
 
-    def find_nearest(self, points: FloatArray) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
-        """Nearest places of objects at (K, 2): poses (K, 7), distances (K,) in metres, within tolerance (K,)."""
-        away = points[:, None] - self.poses[:, :, :2]
+    def find_nearest(self, objects: FloatArray) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
+        """Nearest places of objects (K, 7): poses (K, 7), distances (K,) in metres, within tolerance (K,).
+
+        Of the turns by which an object looks the same, a pose has that nearest to the object's.
+        """
+        away = objects[:, None, :2] - self.poses[:, :, :2]
         x, y = away[:, :, 0], away[:, :, 1]
         out_x = np.maximum(np.abs(self._cos * x + self._sin * y) - self._half_x, 0.0)
         out_y = np.maximum(np.abs(self._cos * y - self._sin * x) - self._half_y, 0.0)
         distance = np.hypot(out_x, out_y)
         nearest = (self._each, distance.argmin(axis=1))
         far: FloatArray = distance[nearest]
-        return self.poses[nearest], far, far <= self._slack[nearest]
+        poses = self.poses[nearest]
+        x, y, z, w = poses[:, 3:].T
+        # The turn from the place to the object about the vertical, then rounded to whole symmetries.
+        yaws: FloatArray = 2 * np.arctan2(objects[:, 5] * w - objects[:, 6] * z, objects[:, 6] * w + objects[:, 5] * z)
+        yaws = (yaws + np.pi) % (2 * np.pi) - np.pi
+        symmetry = self._symmetry[nearest]
+        repeats = symmetry > 0
+        whole: FloatArray = symmetry * np.round(yaws / np.where(repeats, symmetry, 1.0))
+        turns: FloatArray = np.where(repeats, whole, yaws) / 2
+        sine, cosine = np.sin(turns), np.cos(turns)
+        turned = (x * cosine + y * sine, y * cosine - x * sine, z * cosine + w * sine, w * cosine - z * sine)
+        poses[:, 3:] = np.stack(turned, axis=1)
+        return poses, far, far <= self._slack[nearest]
 
 
 class GoalProgress:
@@ -149,7 +167,7 @@ class GoalProgress:
             return ShapingState(targets, is_open, np.ones(1))
         if len(self._moving):
             self._table.poses[self._moving[:, 0]] = poses[self._moving[:, 1], None]
-        nearest, far, is_there = self._table.find_nearest(poses[rows, :2])
+        nearest, far, is_there = self._table.find_nearest(poses[rows])
         waits = ~is_there | (rows == held)
         targets[rows], is_open[rows] = nearest, waits
         # An object in place scores 1, others less; the next object gains by the tip's nearness, or by being held.

@@ -212,8 +212,9 @@ class GrsEnv(gymnasium.Env[Any, Any]):
                         raise
         self._photographer.shift = (options or {}).get("camera")
         self.episode.begin(self._instance)
-        for part in (self._control, self._state, self._photographer, self._renderer):
+        for part in (self._control, self._photographer, self._renderer):
             part.begin(self.episode)
+        self._state.begin(self.episode, self._control)
         self._steps = 0
         self._update_observation()
         return self._observation, {"is_success": False, "instance": self._chosen}

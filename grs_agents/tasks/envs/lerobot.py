@@ -10,9 +10,7 @@ from gymnasium import spaces
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 
 from grs_agents.tasks.envs.gym_environment import GrsEnv
-
-_AGENT: Final = ("joint_positions", "suction")
-"""Parts of the state in ``agent_pos``, followed by the position of the tip and the width of fingers."""
+from grs_agents.tasks.envs.state import AGENT_STATE, TASK_STATE
 
 _SIDES: Final = ("low", "high")
 
@@ -21,9 +19,9 @@ class LeRobotEnv(gymnasium.ObservationWrapper[dict[str, Any], Any, dict[str, Any
     """Observations under the keys that LeRobot renames to those of its data sets.
 
     * ``pixels``: a picture (H, W, 3) uint8 of each camera, by its name.
-    * ``agent_pos`` (dof + 4,): joint positions, suction holding, position of the tip; (dof + 5,) with fingers, whose
-      width is last.
-    * ``environment_state`` (7 N,): the poses of the task's objects.
+    * ``agent_pos`` (dof + 15,): joint positions, suction holding, poses of the tip and of the commanded
+      tip; (dof + 16,) with fingers, whose width is last.
+    * ``environment_state`` (16 N,): poses of the task's N objects, those of their places, which is held, which open.
     """
 
     def __init__(self, env: GrsEnv) -> None:
@@ -46,9 +44,9 @@ class LeRobotEnv(gymnasium.ObservationWrapper[dict[str, Any], Any, dict[str, Any
         return self._to_lerobot_observation(observation)
 
     def _to_lerobot_observation(self, observation: Mapping[str, Any]) -> dict[str, Any]:
-        agent = [*(observation[name] for name in _AGENT), observation["tip"][:3]]
-        agent += [observation["gripper"]] if "gripper" in observation else []
-        renamed = {"agent_pos": np.concatenate(agent), "environment_state": observation["objects"].ravel()}
+        agent = [*AGENT_STATE, *(["gripper"] if "gripper" in observation else [])]
+        parts = {"agent_pos": agent, "environment_state": TASK_STATE}
+        renamed = {key: np.concatenate([observation[name].ravel() for name in names]) for key, names in parts.items()}
         pixels = {camera: observation[f"{camera}_rgb"] for camera in self._cameras}
         return {**renamed, **({"pixels": pixels} if pixels else {})}
 

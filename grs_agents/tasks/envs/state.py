@@ -5,13 +5,18 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.base.geometry.transforms import FloatArray
+from grs_agents.base.geometry.transforms import FloatArray, matrix_to_quaternion
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.hands.two_fingers import TwoFingerHand
+from grs_agents.tasks.envs.controls import Control
 from grs_agents.tasks.envs.goal_progress import GoalProgress, ShapingState
 from grs_agents.tasks.envs.task_episode import TaskEpisode
 
 Floats = npt.NDArray[np.float32]
+AGENT_STATE: Final = ("joint_positions", "suction", "tip", "commanded_tip")
+"""Parts of LeRobot's ``agent_pos``, which is ``observation.state`` of data sets."""
+TASK_STATE: Final = ("objects", "targets", "held", "open")
+"""Parts of LeRobot's ``environment_state``, which is ``observation.environment_state`` of data sets."""
 _FARTHEST: Final = 3.0
 """Bound of observed coordinates, metres from the base."""
 _FASTEST: Final = 10.0
@@ -24,6 +29,7 @@ class StateReader:
 
     * ``joint_positions``, ``joint_velocities`` (dof,): rad and rad/s (slides: m).
     * ``tip`` (7,): the tool's tip, position (m) and rotation (xyzw) from straight down.
+    * ``commanded_tip`` (7,): the same of the pose that it was sent to: the arm lags behind.
     * ``suction`` (1,): 1 while an object is held.
     * ``held`` (N,): 1 for that object.
     * ``objects`` (N, 7): poses of the task's objects, in the instance's order; zeros for rows beyond them.
@@ -38,6 +44,7 @@ class StateReader:
             "joint_positions": (arm.lower_joint_limits - 0.1, arm.upper_joint_limits + 0.1),
             "joint_velocities": ([-_FASTEST] * dof, [_FASTEST] * dof),
             "tip": ([-bound for bound in _POSE], _POSE),
+            "commanded_tip": ([-bound for bound in _POSE], _POSE),
             "suction": ([0.0], [1.0]),
             "held": ([0.0] * rows, [1.0] * rows),
             "objects": ([-bound for bound in _POSE] * rows, _POSE * rows),
@@ -70,9 +77,9 @@ class StateReader:
             split[name] = split[name].reshape(self.shapes[name])
         return split
 
-    def begin(self, episode: TaskEpisode) -> None:
-        """An episode begins."""
-        self._episode, self._progress = episode, GoalProgress(episode)
+    def begin(self, episode: TaskEpisode, control: Control) -> None:
+        """An episode begins, in which ``control`` moves the arm."""
+        self._episode, self._control, self._progress = episode, control, GoalProgress(episode)
         world, data = episode.physics.world, episode.physics.data
         bodies = [world.bodies[number] for number in episode.object_ids]
         self._bodies = np.array(bodies, dtype=np.intp)
@@ -92,6 +99,8 @@ class StateReader:
         tip = data.site_xpos[physics.world.tip_site]
         flat[:dof], flat[dof : 2 * dof] = data.qpos[:dof], data.qvel[:dof]
         flat[start : start + 3], flat[start + 3 : start + 7] = tip, physics.tip_rotation()
+        (sent_to, turned), start = self._control.commanded_tip, self._slices["commanded_tip"].start
+        flat[start : start + 3], flat[start + 3 : start + 7] = sent_to, matrix_to_quaternion(turned)
         if "gripper" in self._slices:
             flat[self._slices["gripper"]] = physics.fingers.width
         np.minimum(np.maximum(flat, self._low, out=flat), self._high, out=flat)

@@ -29,6 +29,7 @@ from grs_agents.base import Frozen
 from grs_agents.base.errors import InputError, UnknownNameError
 from grs_agents.base.foreign.files import read_text
 from grs_agents.tasks.envs.controls import ControlName
+from grs_agents.tasks.envs.state import AGENT_STATE, TASK_STATE
 
 Observation = dict[str, Any]
 CAMERA, INSTRUCTION = "camera:", "instruction"
@@ -98,14 +99,14 @@ class Layout(Frozen):
         return actions
 
 
-_STATE = ("joint_positions", "joint_velocities", "tip", "suction", "held", "objects", "targets", "open")
+_STATE = ("joint_velocities", *AGENT_STATE, *TASK_STATE)
 PRESETS: Final[Mapping[str, Layout]] = {
     "grs": Layout(observation={**{name: name for name in _STATE}, "instruction": INSTRUCTION}),
     # keys of our LeRobot data sets
     "lerobot": Layout(
         observation={
-            "observation.state": "joint_positions+suction+tip",
-            "observation.environment_state": "objects",
+            "observation.state": "+".join(AGENT_STATE),
+            "observation.environment_state": "+".join(TASK_STATE),
             "observation.images.front": "camera:front",
             "observation.images.wrist": "camera:wrist",
             "task": INSTRUCTION,

@@ -49,8 +49,10 @@ def test_lerobot(blocks: Path, kept: Path, demonstrations: list[Demonstration], 
             at = row["dataset_from_index"] + step
             assert (frames["episode_index"][at], frames["frame_index"][at]) == (row["episode_index"], step)
             np.testing.assert_array_equal(frames["action"][at], one.actions[step])
-            np.testing.assert_array_equal(frames["observation.state"][at][:6], one.joint_positions[step])
-            np.testing.assert_array_equal(frames["observation.environment_state"][at], one.objects[step].ravel())
+            agent = [*one.joint_positions[step], one.suction[step], *one.tip[step], *one.commanded_tip[step]]
+            np.testing.assert_array_equal(frames["observation.state"][at], np.array(agent, dtype=np.float32))
+            task = [one.objects[step].ravel(), one.targets[step].ravel(), one.held[step], one.open[step]]
+            np.testing.assert_array_equal(frames["observation.environment_state"][at], np.concatenate(task))
             time, picture = shown[at]
             begin = row["videos/observation.images.front/from_timestamp"]
             assert time == pytest.approx(begin + frames["timestamp"][at], abs=1e-4)

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from grs_agents.base.errors import GrsError, InputError
+from grs_agents.base.geometry.transforms import matrix_to_quaternion
 from grs_agents.sim import hash_instance, parse_instance_json
+from grs_agents.sim.arms.registry import get_arm
 from grs_agents.sim.variation.types import Variation
 from grs_agents.tasks.demos.attempt_store import AttemptStore
 from grs_agents.tasks.demos.dataset import write_dataset
@@ -44,9 +46,8 @@ def test_a_demonstration_says_what_was_observed_and_done(demonstrations: list[De
         assert one.object_names == ("block/block.urdf#1", "block/block.urdf#2")
         assert one.language == "put block 1 to the left, then put block 2 to the left"
         assert one.strict >= 0.985
-        assert one.rewards.sum() == one.rewards[-1] == 1
+        assert one.rewards.sum() == 1
         assert one.suction.any()
-        assert not one.suction[-1]
         assert set(np.unique(one.actions[:, -1])) == {-1.0, 1.0}
         assert one.instance_hash == hash_instance(parse_instance_json(one.instance))
 
@@ -56,6 +57,27 @@ def test_the_action_is_the_joint_position_that_is_reached_one_step_later(demonst
     missed = np.abs(one.actions[:, :-1] - one.joint_positions[1:]).max(axis=1)
     assert np.median(missed) < 0.01
     assert missed.max() < 0.05
+
+
+def test_after_the_step_that_solves_the_task_the_hand_stays_off_and_retreats(
+    demonstrations: list[Demonstration],
+) -> None:
+    for one in demonstrations:
+        solved = int(np.argmax(one.rewards))
+        assert solved == one.steps - 16
+        assert (one.actions[solved:, -1] == -1).all()
+        assert not one.suction[solved + 1 :].any()
+        assert one.tip[-1, 2] - one.tip[solved, 2] > 0.04  # m
+
+
+def test_the_commanded_tip_is_the_one_of_the_last_action(demonstrations: list[Demonstration]) -> None:
+    one, arm = demonstrations[0], get_arm("ur5e")
+    for step in (0, one.steps // 2, one.steps - 1):
+        point, rotation = arm.tip_pose(one.executed_actions[step, :-1].astype(np.float64))
+        np.testing.assert_allclose(one.commanded_tip[step + 1, :3], point, atol=1e-5)
+        np.testing.assert_allclose(one.commanded_tip[step + 1, 3:], matrix_to_quaternion(rotation), atol=1e-5)
+    lag = np.linalg.norm(one.commanded_tip[:, :3] - one.tip[:, :3], axis=1)
+    assert 0.001 < lag.max() < 0.05  # m
 
 
 def test_suction_is_on_before_the_cup_touches(demonstrations: list[Demonstration]) -> None:
@@ -86,11 +108,11 @@ def test_the_environment_gives_to_the_bit_what_was_written(demonstrations: list[
     for number, one in enumerate(demonstrations):
         observation, info = env.reset(options={"instance": number})
         for step, action in enumerate(one.actions):
-            for name in ("joint_positions", "joint_velocities", "tip", "objects"):
+            for name in ("joint_positions", "joint_velocities", "tip", "commanded_tip", "objects", "targets"):
                 np.testing.assert_array_equal(observation[name], getattr(one, name)[step])
             observation, reward, terminated, truncated, info = env.step(action)
-            assert (terminated, truncated) == (step == one.steps - 1, False)
-            assert reward == one.rewards[step]
+            assert (terminated, truncated) == (step >= np.argmax(one.rewards), False)
+            assert not reward or terminated
         assert info["is_success"]
 
 
@@ -147,6 +169,29 @@ def test_a_noisy_replay_leaves_the_path_and_is_told_the_way_back(blocks: Path, t
     taken = int(np.flatnonzero(clean.suction)[0])
     assert apart.max() > 0.005  # m
     assert apart[taken] < 0.004
+
+
+@needs("gymnasium")
+@pytest.mark.parametrize("hand", ["suction", "robotiq_2f85"])
+def test_steps_of_the_tip_are_within_their_limits_with_noise_too_and_solve_the_task(tmp_path: Path, hand: str) -> None:
+    instance = two_blocks(0)
+    if hand != "suction":
+        instance = instance.model_copy(update={"robot": "ur5e", "hand": hand})
+    folder = write_instances(tmp_path / "blocks", instance)
+    order = QUICK.model_copy(update={"episodes": 1, "replays": 1, "control": "ee_delta"})
+    made = make_demonstrations(open_task_folder(folder), order, tmp_path / "work", lambda _: None)
+    clean, noisy = made.demonstrations()
+    for one in (clean, noisy):
+        assert one.actions.shape == one.executed_actions.shape == (one.steps, 5)
+        for actions in (one.actions, one.executed_actions):
+            assert np.abs(actions[:, :4]).max() < 1  # nothing is clipped
+        ways = np.diff(one.commanded_tip[:, :3], axis=0)
+        np.testing.assert_allclose(ways, 0.03 * one.executed_actions[:, :3], atol=1e-4)
+    assert np.abs(clean.actions[:, :3]).max() > 0.5
+    away = noisy.commanded_tip[:100, :3] - clean.commanded_tip[:100, :3]
+    back = noisy.actions[:100, :3] - clean.actions[:100, :3]
+    assert np.linalg.norm(away, axis=1).max() > 0.005  # m
+    np.testing.assert_allclose(back, -0.15 * away / 0.03, atol=1e-3)
 
 
 def test_a_demonstration_says_where_its_objects_are_wanted_and_which_is_held(

@@ -1,5 +1,6 @@
 """Which objects are in place, as the observations tell it."""
 
+import math
 from pathlib import Path
 
 import gymnasium
@@ -26,3 +27,20 @@ def test_a_zone_is_as_long_as_its_turn_says(
     (tmp_path / "instances" / "seed_0.json").write_text(told, encoding="utf-8")
     seen, _ = gymnasium.make("grs_agents.envs:GRS-v0", run=tmp_path).reset(seed=0)
     assert seen["open"].tolist() == [is_open]
+
+
+@pytest.mark.parametrize(("symmetry", "told"), [(math.pi / 2, 90.0), (math.pi, 0.0), (2 * math.pi, 0.0), (0.0, 80.0)])
+def test_a_target_has_the_turn_nearest_to_the_object_of_those_that_look_the_same(
+    tmp_path: Path, symmetry: float, told: float
+) -> None:
+    """The block is turned by 80 degrees, its target by none."""
+    instance = block_instance(0)
+    half = math.radians(40)
+    block = instance.objects[0].model_copy(update={"pose": (START[0], (0.0, 0.0, math.sin(half), math.cos(half)))})
+    goal = instance.goals[0].model_copy(update={"symmetries": (symmetry,)})
+    (tmp_path / "instances").mkdir()
+    changed = instance.model_copy(update={"objects": (block,), "goals": (goal,)})
+    (tmp_path / "instances" / "seed_0.json").write_text(changed.model_dump_json(), encoding="utf-8")
+    seen, _ = gymnasium.make("grs_agents.envs:GRS-v0", run=tmp_path).reset(seed=0)
+    z, w = seen["targets"][0, 5:]
+    assert math.degrees(2 * math.atan2(z, w)) == pytest.approx(told, abs=0.5)

@@ -22,8 +22,8 @@ def test_lerobot_finds_its_keys_its_units_and_the_success_of_each_episode(blocks
         "front": (2, 24, 32, 3),
         "wrist": (2, 24, 32, 3),
     }
-    assert observation["agent_pos"].shape == (2, 10)
-    assert observation["environment_state"].shape == (2, 7)
+    assert observation["agent_pos"].shape == (2, 21)
+    assert observation["environment_state"].shape == (2, 16)
     assert envs.call("task_description") == ("put the block at the left",) * 2
     assert envs.call("_max_episode_steps") == (2, 2)
     assert envs.metadata["render_fps"] == 25

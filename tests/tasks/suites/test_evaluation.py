@@ -206,9 +206,10 @@ class PolicyServer:
 @contextmanager
 def serve_policy(reply: Callable[[ServerConnection], None]) -> Generator[PolicyServer]:
     """A server of openpi's protocol on loopback; ``reply`` answers each observation."""
-    made = PolicyServer()
+    made, connections = PolicyServer(), list[ServerConnection]()
 
     def handle(connection: ServerConnection) -> None:
+        connections.append(connection)
         connection.send(packed({"name": "mine"}))
         for message in connection:
             made.observations.append(msgpack.unpackb(message, object_hook=unpack))
@@ -220,6 +221,8 @@ def serve_policy(reply: Callable[[ServerConnection], None]) -> Generator[PolicyS
         made.address = f"openpi:ws://127.0.0.1:{server.socket.getsockname()[1]}"
         yield made
         server.shutdown()
+        for connection in connections:  # else a thread waits for its next message
+            connection.close()
         thread.join()
 
 
