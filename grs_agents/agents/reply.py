@@ -27,7 +27,8 @@ _VERDICTS: dict[str, Verdict] = {
 _VERDICT = re.compile(r"\W*(?:verdict\W+)?(fix_(?:code|tests?|task))\W*(?:\((?:(?!fix_)[^()])*\)\W*)?", re.IGNORECASE)
 """A verdict by itself, perhaps after the word and before a reason in brackets."""
 _LAST_WORDS = re.compile(
-    r"(?!.*(?:\bnot\b|n't\b|fix_.*fix_)).*\b(?:verdict|answer|choice|decision)\b.*\b(fix_(?:code|tests?|task))\W*",
+    r"(?!.*(?:\b(?:(?:can)?not|never|neither)\b|n't\b|fix_.*fix_))"
+    r".*\b(?:verdict|answer|choice|decision)\b.*\b(fix_(?:code|tests?|task))\W*",
     re.IGNORECASE,
 )
 """A sentence that ends in a verdict and calls it that."""
@@ -177,7 +178,8 @@ def extract_python_program(text: str, base: Literal["Task", "TestCase"] = "Task"
     text = _cut_to_answer(text)
     if text.lstrip().startswith("{"):
         text = _read_only_text(text)
-    if "import" in text and _read_statements(text):
+    statements = _read_statements(text) if "import" in text else []
+    if any(isinstance(item, ast.Import | ast.ImportFrom | ast.ClassDef) for item in statements):  # no JSON
         return text.rstrip() + "\n"
     defines = re.compile(rf"^[ \t]*class[ \t]+\w+[ \t]*\([^)\n]*\b\w*{base}\b", re.MULTILINE)
     blocks = list(_find_fenced_blocks(text))

@@ -11,7 +11,7 @@ from grs_agents.perception.types import TableFrame
 _ASIDE: Final = re.compile(
     r"\b(?:(?:the|its|their) (?P<a>left|right)\b(?! (?:over|where|alone)\b)"
     r"|(?P<b>left|right)[ -](?:of|hand|side|end|edge|half|part|to (?:right|left))\b"
-    r"|(?P<c>leftmost|rightmost)\b)",
+    r"|(?P<c>leftmost|rightmost)\b|(?:(?<=the front )|(?<=the back )|(?<=the rear ))(?P<d>left|right)\b)",
     re.IGNORECASE,
 )
 _AHEAD: Final = re.compile(
@@ -79,9 +79,10 @@ def state_robot_sides(words: str, frame: TableFrame | None) -> str:
 
 
 def _swap_side(side: re.Match[str]) -> str:
-    """The phrase of a side with the opposite side."""
-    word = next(filter(None, side.groups()))
-    return side.group().replace(word, _OPPOSITE[word.lower()], 1)
+    """The phrase of a side with the opposite side; of both in ``left to right``."""
+    word = next(filter(None, side.groups())).lower()
+    both = rf"\b(?:{word}|{_OPPOSITE[word]})\b"
+    return re.sub(both, lambda each: _OPPOSITE[each.group().lower()], side.group(), flags=re.IGNORECASE)
 
 
 def describe_sides_in_photo(frame: TableFrame | None) -> str:

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -68,9 +69,13 @@ def write_instances_of_robots(
     requested = parse_seed_range(seeds)
     task = open_task_folder(run)
     own = task.read_instance(task.seeds[0])
-    pairs = [Robot(robot=robot, hand=hand) for robot in robots or [own.robot] for hand in hands or [own.hand]]
+    every = product(dict.fromkeys(robots or [own.robot]), dict.fromkeys(hands or [own.hand]))
+    pairs = [Robot(robot=robot, hand=hand) for robot, hand in every]
     for pair in pairs:
         get_arm(pair.robot, pair.hand)  # before anything is simulated
+        alike = [each.robot for each in pairs if each.folder_name == pair.folder_name]
+        if len(alike) > 1:
+            raise InputError(f"{' and '.join(alike)} have the same name", "rename one: it names a folder of instances")
     folder = out or _folder_beside(run, "robots")
     with _show_progress() as progress:
         manifests = [

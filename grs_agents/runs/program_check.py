@@ -196,7 +196,7 @@ def _find_or_comprehend_scene(scene: Path, chosen: EffectiveConfig, out: Path, v
         read_record(scene)
         return scene / _SCENE_FILE
     config = change_config(chosen.config, graph="scene", record=None, cassette=None)
-    ended = execute_run(RunOrder("scene", resolve_scene_path(scene), EffectiveConfig(config), out), views)
+    ended = execute_run(RunOrder("scene", resolve_scene_path(scene), replace(chosen, config=config), out), views)
     if ended.problem is not None:
         raise ended.problem
     if ended.record.status != "accepted":

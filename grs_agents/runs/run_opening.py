@@ -28,6 +28,7 @@ from grs_agents.runs.checkpoint import FILE as CHECKPOINT
 from grs_agents.runs.graph_loading import compile_graph, load_graph
 from grs_agents.runs.record import EXIT_STATUS, FILE, RunRecord, installed_versions, read_record
 from grs_agents.sim.arms.mjcf_arm import recognise_own_hand
+from grs_agents.sim.arms.registry import ROBOTS
 from grs_agents.sim.hands.registry import OWN_HAND
 from grs_agents.toolkit import load_tool
 
@@ -224,7 +225,7 @@ def open_run(order: RunOrder) -> Generator[tuple[Path, RunRecord, Config]]:
 def _prefer_own_hand(chosen: EffectiveConfig) -> Config:
     """The configuration, with the hand of the robot's own file if it is recognised and none is named."""
     config = chosen.config
-    if chosen.sources.get("hand", "default") != "default" or not config.robot.endswith((".xml", ".mjcf")):
+    if chosen.sources.get("hand", "default") != "default" or config.robot in ROBOTS:
         return config
     try:
         if config.own_hand is None:

@@ -374,7 +374,9 @@ def test_a_broken_program_is_a_version_like_any_other() -> None:
     assert extract_python_program("```python\ndef f(:\n```") == "def f(:\n"
 
 
-@pytest.mark.parametrize("text", ["```python\n```", "```bash\nls\n```", "```python\n"])
+@pytest.mark.parametrize(
+    "text", ["```python\n```", "```bash\nls\n```", "```python\n", '{"why": "", "code": "import a"}']
+)
 def test_a_reply_without_a_program_is_refused(text: str) -> None:
     with pytest.raises(ReplyError):
         extract_python_program(text)
@@ -409,6 +411,7 @@ def test_verdicts(text: str, verdict: str) -> None:
     [
         "fix_code or fix_test",
         "My answer is not fix_code or fix_test.",
+        "So the verdict cannot be fix_code.",
         "```\nmaybe\n```",
         "```\nfix_code or fix_test\n```",
         "",

@@ -76,6 +76,8 @@ def test_sides_as_in_the_photo_are_not_the_robots() -> None:
         ("Put the can to the left of the bowl, as in the photo.", "Put the can to the right of the bowl"),
         ("Put the can behind the bowl, as seen in the picture.", "Put the can in front of the bowl"),
         ("Take the rightmost can to the front row, as shown in the photo.", "Take the leftmost can to the back row"),
+        ("Take the front left can, as in the photo.", "Take the back right can"),
+        ("Line them up from left to right, as seen in the photo.", "Line them up from right to left"),
     ],
 )
 def test_sides_as_in_the_photo_are_turned_into_the_robots(words: str, opposite: str) -> None:

@@ -125,6 +125,20 @@ def test_a_robot_that_there_is_not_is_refused_before_anything_is_made(run: Path)
     assert not (run.parent / "run-robots").exists()
 
 
+def test_robots_whose_folders_would_have_the_same_name_are_refused(run: Path, tmp_path: Path) -> None:
+    for name in ("first", "second"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "arm.xml").write_text(GANTRY)
+    done = grs(
+        *("instances", str(run), "--seeds", "0:1", "--robot", "first/arm.xml", "--robot", "second/arm.xml"),
+        *("--out", str(tmp_path / "robots")),
+        folder=tmp_path,
+    )
+    assert done.returncode == 2
+    assert "first/arm.xml and second/arm.xml have the same name" in " ".join(done.stderr.split())
+    assert not (tmp_path / "robots").exists()
+
+
 @pytest.mark.parametrize("text", ["5:5", "7:3", "-1:4", "0:1000000", "a:b", "0:99999999999"])
 def test_seeds_that_are_no_range_are_refused(run: Path, text: str) -> None:
     done = grs("instances", str(run), f"--seeds={text}", folder=run.parent)

@@ -13,7 +13,9 @@ from grs_agents.sim.variation.types import Variation
 from grs_agents.tasks.suites.evaluation import evaluate, make_order
 from grs_agents.tasks.suites.layouts import PRESETS
 from grs_agents.tasks.suites.suite import make_suite
+from grs_agents.views.evaluation.episodes import find_episode, make_episode_shot
 from grs_agents.views.evaluation.page import render_evaluation_page
+from grs_agents.views.rerun.episode_view import record_episode
 from grs_agents.views.rerun.recording import Paths
 from tests.cli.command import grs
 from tests.tasks.envs.conftest import block_instance
@@ -45,6 +47,28 @@ def test_a_folder_without_figures_is_refused(tmp_path: Path) -> None:
     (tmp_path / "suite.json").write_text(json.dumps({"version": 1, "name": "s", "variation": {}, "tasks": []}))
     with pytest.raises(InputError, match=r"evaluation\.json"):
         render_evaluation_page(tmp_path, tmp_path)
+
+
+def test_no_instance_is_written_through_a_link(evaluated: tuple[Path, Path], tmp_path: Path) -> None:
+    suite, out = evaluated
+    foreign = shutil.copytree(out, tmp_path / "foreign", ignore=shutil.ignore_patterns("instances"))
+    (tmp_path / "elsewhere").mkdir()
+    (foreign / "instances").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(InputError, match="instances is a link"):
+        render_evaluation_page(suite, foreign)
+    assert not any((tmp_path / "elsewhere").iterdir())
+
+
+def test_text_of_an_episode_is_drawn_by_the_viewer_and_fetches_nothing(
+    evaluated: tuple[Path, Path], tmp_path: Path
+) -> None:
+    suite, out = evaluated
+    row = find_episode(suite, out, "put-block-left-default-0")
+    row = row.model_copy(update={"instruction": "\N{GRINNING FACE}", "detail": "![x](http://host/x.png)"})
+    recording = record_episode(make_episode_shot(suite, out, row), row, tmp_path / "episode.rrd")
+    chunks = RrdReader(recording).stream().to_chunks()
+    (text,) = (str(chunk.to_record_batch()) for chunk in chunks if str(chunk.entity_path) == Paths.TASK)
+    assert "<U+1F600>" in text and "! [x]" in text
 
 
 def test_an_episode_is_written_as_a_recording(evaluated: tuple[Path, Path], tmp_path: Path) -> None:

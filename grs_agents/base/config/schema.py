@@ -210,17 +210,20 @@ class BackgroundConfig(Frozen):
     voxel: float = Field(default=0.015, ge=0.005, le=0.1)
 
 
+_Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
 class OwnHandConfig(Frozen):
     """Fingers in the file of a user's arm, where they are not recognised."""
 
     # names of the joints that move the fingers; all others beyond the arm stand still
     joints: tuple[Annotated[str, Field(min_length=1, max_length=200)], ...] = Field(min_length=1, max_length=12)
     # positions of these joints, wide open and closed: radians, or metres of a slide
-    open: tuple[float, ...]
-    closed: tuple[float, ...]
+    open: tuple[_Finite, ...]
+    closed: tuple[_Finite, ...]
     # position of the point between the ends of the fingers, in the frame of the body that carries them, metres; None:
     # measured
-    tcp: tuple[float, float, float] | None = None
+    tcp: tuple[_Finite, _Finite, _Finite] | None = None
 
     @model_validator(mode="after")
     def _validate_lengths(self) -> "OwnHandConfig":

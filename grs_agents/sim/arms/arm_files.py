@@ -28,14 +28,20 @@ def copy_arm_files(source: Path, folder: Path, hand: OwnHandConfig | None = None
     Returns:
         The copy of the arm's file; None if it is no MJCF, a dependency is missing, lies outside the arm's folder, or is
         named by an absolute path: such an arm stays in place.
+
+    Raises:
+        InputError: the file describes another hand.
     """
     try:
         check_robot_file(source)
         named = [Path(file) for file in mujoco.mju_getXMLDependencies(str(source))]
         parts = {file.relative_to(source.parent): file.read_bytes() for file in named}
-        if hand is not None:
-            main = Path(source.name)
-            parts[main] = describe_hand_in_mjcf(parts[main], hand)
+    except (InputError, mujoco.FatalError, OSError, ValueError):
+        return None
+    if hand is not None:
+        main = Path(source.name)
+        parts[main] = describe_hand_in_mjcf(parts[main], hand)
+    try:
         for part, data in parts.items():
             write_bytes(folder / part, data)
         copied = [Path(file) for file in mujoco.mju_getXMLDependencies(str(folder / source.name))]

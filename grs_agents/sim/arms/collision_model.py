@@ -4,6 +4,7 @@ A simulation holds dozens of copies of its model, within the memory of a sandbox
 of each. MuJoCo collides with the hull of a mesh in any case.
 """
 
+from itertools import count
 from typing import Any, Final
 
 import numpy as np
@@ -13,8 +14,6 @@ from grs_agents.base.mujoco_import import mujoco
 
 _DIRECTIONS: Final = 256
 """Of which each keeps the vertex of a hull that is farthest: the rest lies within 1 to 2 mm of a link's full hull."""
-
-_SUFFIX: Final = "_hull"
 
 
 def reduce_to_collision_model(spec: Any) -> None:
@@ -32,15 +31,16 @@ def reduce_to_collision_model(spec: Any) -> None:
             number = int(geom.id)
             geom.meshname, geom.size = "", model.geom_size[number]
             geom.pos, geom.quat = model.geom_pos[number], model.geom_quat[number]
-    for mesh in list(spec.meshes):
-        hull = _hull_vertices(model, int(mesh.id))
+    meshes = {str(mesh.name): _hull_vertices(model, int(mesh.id)) for mesh in spec.meshes}
+    free_names = (name for number in count() if (name := f"hull_{number}") not in meshes)
+    hulls: dict[str, str] = {}
+    for mesh, hull in meshes.items():
         if hull is not None:
+            hulls[mesh] = next(free_names)
             inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
-            spec.add_mesh(name=f"{mesh.name}{_SUFFIX}", uservert=hull.ravel(), inertia=inertia)
-    hulls = {str(mesh.name) for mesh in spec.meshes}
+            spec.add_mesh(name=hulls[mesh], uservert=hull.ravel(), inertia=inertia)
     for geom in spec.geoms:
-        if f"{geom.meshname}{_SUFFIX}" in hulls:
-            geom.meshname = f"{geom.meshname}{_SUFFIX}"
+        geom.meshname = hulls.get(str(geom.meshname), geom.meshname)
     used = {str(geom.meshname) for geom in spec.geoms}
     for mesh in list(spec.meshes):
         if str(mesh.name) not in used:

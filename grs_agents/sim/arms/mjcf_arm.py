@@ -14,7 +14,7 @@ from grs_agents.sim.arms.collision_model import reduce_to_collision_model
 from grs_agents.sim.arms.robot_file_check import check_robot_file
 from grs_agents.sim.hands.description import read_described_hand
 from grs_agents.sim.hands.hand import ROBOT_CONTYPE, Hand
-from grs_agents.sim.hands.recognition import OwnHand, recognise_hand
+from grs_agents.sim.hands.recognition import OwnHand, name_unnamed, recognise_hand
 from grs_agents.sim.hands.suction_cup import SUCTION_CUP
 
 TIPS: Final = ("tip", "tool0", "attachment_site", "ee", "end_effector", "flange", "tcp")
@@ -213,7 +213,7 @@ def _attach_arm_to_world(world: Any, spec: Any, path: Path, turn: float, hand: H
             spec.delete(body)  # slides take its place
     quaternion = np.empty(4)
     mujoco.mju_mulQuat(quaternion, np.array(place[1]), np.array([np.cos(turn / 2), 0.0, 0.0, np.sin(turn / 2)]))
-    carrier.name = carrier.name or "carrier"
+    name_unnamed(spec, [carrier], "carrier")
     for elements in (spec.keys, spec.actuators, spec.sensors, spec.tendons, spec.equalities, spec.lights, spec.cameras):
         for element in list(elements):
             spec.delete(element)

@@ -1,6 +1,7 @@
 """A user's description of the fingers in an arm's file, kept in the file itself, so that both go together."""
 
 from typing import Any, Final
+from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
 from pydantic import ValidationError
@@ -13,10 +14,21 @@ _NAME: Final = "grs_hand"
 
 
 def describe_hand_in_mjcf(text: bytes, hand: OwnHandConfig) -> bytes:
-    """An MJCF file with a description of its hand, in place of none."""
-    head, end, tail = text.rpartition(b"</mujoco>")
+    """A safe MJCF file with a description of its hand. Raises ``InputError``: it has another description."""
+    parser, end = expat.ParserCreate(), 0
+
+    def refuse_description(tag: str, attributes: dict[str, str]) -> None:
+        if tag == "text" and attributes.get("name") == _NAME:
+            raise InputError("the robot's file describes its hand already", f"remove own_hand, or the text {_NAME!r}")
+
+    def note_end(_: str) -> None:
+        nonlocal end
+        end = parser.CurrentByteIndex  # at last that of the root
+
+    parser.StartElementHandler, parser.EndElementHandler = refuse_description, note_end
+    parser.Parse(text, True)
     element = f"<custom><text name={quoteattr(_NAME)} data={quoteattr(hand.model_dump_json())}/></custom>"
-    return head + element.encode() + end + tail
+    return text[:end] + element.encode("ascii", "xmlcharrefreplace") + text[end:]
 
 
 def read_described_hand(spec: Any, robot: str) -> OwnHandConfig | None:

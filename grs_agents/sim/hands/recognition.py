@@ -4,9 +4,9 @@ The hand is swept from open to closed; its surfaces there give the stroke, the p
 gripper. A linkage counts as slides: at time steps of a task it would creep.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise, product
+from itertools import count, pairwise, product
 from typing import Any, Final
 
 import numpy as np
@@ -31,6 +31,8 @@ _MOST_TURN: Final = np.deg2rad(60)
 _WAY: Final = 9
 """States along the way of a jaw."""
 _LEAST_STROKE, _MOST_STROKE = 0.01, 0.3
+_FARTHEST: Final = 100.0
+"""Greatest joint position at an end of motion, radians or metres: 16 turns."""
 _LEAST_SHARE: Final = 0.3
 """Part of the greatest displacement from which on a geom belongs to a finger."""
 _SKEW: Final = np.cos(np.deg2rad(15))
@@ -89,13 +91,20 @@ def recognise_hand(
         raise _refusal(robot, f"nothing moves beyond its body {carrier.name!r}")
     if len(fingers) > _MOST_JOINTS:
         raise _refusal(robot, f"{len(fingers)} joints beyond its body {carrier.name!r}, at most {_MOST_JOINTS}")
-    for number, joint in enumerate(fingers):
-        joint.name = joint.name or f"finger_{number}"
-    carrier.name = carrier.name or "carrier"
+    name_unnamed(spec, fingers, "finger")
+    name_unnamed(spec, [carrier], "carrier")
     names = tuple(str(joint.name) for joint in fingers)
     model = _compile_hand(spec, carrier, frozenset(names), robot)
     sweep = _Sweep(model, int(model.body(str(carrier.name)).id), robot)
     return sweep.reduce(names, described)
+
+
+def name_unnamed(spec: Any, elements: Sequence[Any], word: str) -> None:
+    """Name the unnamed joints or bodies of a spec: ``word``, or with a number where that is taken."""
+    taken = {str(element.name) for element in (*spec.joints, *spec.bodies)}
+    free = (name for number in count() if (name := f"{word}_{number}" if number else word) not in taken)
+    for element in elements:
+        element.name = element.name or next(free)
 
 
 def _refusal(robot: str, reason: str) -> InputError:
@@ -149,6 +158,8 @@ class _Sweep:
         if not self._moving:
             raise _refusal(self._robot, f"joints {', '.join(names)} move no geom")
         states = list(self._end_states()) if described is None else self._described_states(described)
+        if not all(float(np.abs(state).max()) <= _FARTHEST for state in states):  # False for NaN
+            raise _refusal(self._robot, f"joints {', '.join(names)} move farther than {_FARTHEST:.0f} rad or m")
         best: tuple[float, tuple[_Fingers, _Fingers]] | None = None
         for first, second in product(range(len(states)), repeat=2):
             if first < second:
@@ -337,9 +348,10 @@ class _Fingers:
     def __init__(self, axes: FloatArray, left: FloatArray, right: FloatArray) -> None:
         self.axes, self.left, self.right = axes, left, right
         self.end = min(float(left[:, 2].max()), float(right[:, 2].max()))
-        ends = [
-            side[np.abs(side[:, 2] - self.end + _PAD_HEIGHT / 2) <= _PAD_HEIGHT / 2 + 1e-6] for side in (left, right)
-        ]
+        ends: list[FloatArray] = []
+        for side in (left, right):
+            away = np.abs(side[:, 2] - self.end + _PAD_HEIGHT / 2)
+            ends.append(side[away <= max(_PAD_HEIGHT / 2, float(away.min())) + 1e-6])  # the nearest of a long finger
         inner = float(ends[0][:, 1].min()), float(ends[1][:, 1].max())
         self.inner, self.gap = (inner[1], inner[0]), inner[0] - inner[1]
         faces = [side[np.abs(side[:, 1] - face) < _FACE] for side, face in zip(ends, inner, strict=True)]

@@ -13,6 +13,7 @@ from grs_agents.base.geometry import transforms
 from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.instance.episode import Stop
+from grs_agents.sim.world.appearance import TABLE_SIDE
 from grs_agents.sim.world.footprints import (
     Prism,
     least_outline_gaps,
@@ -118,7 +119,8 @@ def _find_free_places(
             _searched.clear()
         (x0, x1), (y0, y1) = bounds[:2]
         around = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
-        grid = np.stack(np.meshgrid(*(np.arange(low, high + _GRID / 2, _GRID) for low, high in bounds[:2])), axis=-1)
+        sides = np.clip(bounds[:2], -TABLE_SIDE, TABLE_SIDE)  # bounds are a program's, of any size
+        grid = np.stack(np.meshgrid(*(np.arange(low, high + _GRID / 2, _GRID) for low, high in sides)), axis=-1)
         centers = grid.reshape(-1, 2)
         heights = (size[2], size[2] + 0.15)
         for height in heights:

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from grs_agents.base.control_characters import escape_control_chars
 from grs_agents.base.errors import ConfigError, GrsError, InputError
+from grs_agents.base.files import refuse_link
 from grs_agents.base.foreign.files import read_json
 from grs_agents.base.templates import load_template
 from grs_agents.tasks.task_folder import DATASET_FILE
@@ -43,19 +44,24 @@ def push_dataset(folder: Path, repo: str, private: bool) -> str:
     """Upload a LeRobot data set with a data card, and tag it with the version of its format. Returns: its address.
 
     Raises:
-        InputError: ``folder`` is no LeRobot data set; other formats hold absolute paths of this machine.
+        InputError: ``folder`` is no LeRobot data set (other formats hold absolute paths of this machine), is damaged,
+            or holds a link.
         GrsError: the Hub refuses it or cannot be reached.
     """
     from huggingface_hub import CommitOperationAdd, HfApi
-    from huggingface_hub.errors import HfHubHTTPError, RevisionNotFoundError
+    from huggingface_hub.errors import RevisionNotFoundError
 
     description = read_json(folder / DATASET_FILE, _REMEDY)
     if description.get("format") != "lerobot":
         raise InputError(f"{folder} is in the format {description.get('format')!r}", "upload a data set of LeRobot's")
+    for file in folder.rglob("*"):
+        refuse_link(file)  # the folder may come from somebody else, and what a link names would be published
     info = read_json(folder / "meta" / "info.json", _REMEDY)
-    card = _make_card(description, info, repo)
+    try:
+        card, version = _make_card(description, info, repo), str(info["codebase_version"])
+    except (LookupError, TypeError, AttributeError) as error:
+        raise InputError(f"{folder} is a damaged data set: {error!r}", _REMEDY) from error
     hub = HfApi(library_name="grs-agents")
-    version = str(info["codebase_version"])
     try:
         address = hub.create_repo(repo, repo_type="dataset", private=private, exist_ok=True)
         hub.upload_folder(repo_id=repo, repo_type="dataset", folder_path=folder, ignore_patterns=[_CARD])
@@ -64,10 +70,10 @@ def push_dataset(folder: Path, repo: str, private: bool) -> str:
         with suppress(RevisionNotFoundError):
             hub.delete_tag(repo, tag=version, repo_type="dataset")  # LeRobot loads the revision with this tag
         hub.create_tag(repo, tag=version, repo_type="dataset")
-    except (HfHubHTTPError, OSError) as error:
-        reason = str(error).strip().splitlines()
-        told = escape_control_chars(reason[0] if reason else repr(error))
-        raise GrsError(f"the Hub did not take {repo}: {told}", "see `hf auth whoami`") from error
+    except Exception as error:  # of requests or httpx, by the version of huggingface_hub
+        lines = str(error).strip().splitlines() or [repr(error)]
+        reason = escape_control_chars(lines[0])
+        raise GrsError(f"the Hub did not take {repo}: {reason}", "see the network, and `hf auth whoami`") from error
     return str(address)
 
 

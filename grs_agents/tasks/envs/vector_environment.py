@@ -2,9 +2,11 @@
 
 import multiprocessing
 import os
+import signal
 from collections.abc import Callable, Sequence
 from typing import Any, Final, cast
 
+import gymnasium
 import numpy as np
 import numpy.typing as npt
 from gymnasium.vector import AutoresetMode, VectorEnv, utils
@@ -13,6 +15,11 @@ from gymnasium.vector.utils import batch_space, read_from_shared_memory, write_t
 from grs_agents.base.errors import GrsError, InputError
 from grs_agents.tasks.envs.gym_environment import GrsEnv, Observation
 
+_ERRORS: Final = (
+    *(GrsError, gymnasium.error.Error, ArithmeticError, AttributeError, LookupError, OSError, RuntimeError),
+    *(TypeError, ValueError),
+)
+"""Errors of an environment, which the parent raises in place of the process."""
 _METADATA: Final[dict[str, Any]] = {**GrsEnv.metadata, "autoreset_mode": AutoresetMode.NEXT_STEP}
 Step = tuple[Observation, npt.NDArray[np.float64], npt.NDArray[np.bool_], npt.NDArray[np.bool_], dict[str, Any]]
 
@@ -28,7 +35,7 @@ class GrsVectorEnv(VectorEnv[Any, Any, Any]):
 
     An environment that has ended begins a new episode at the next step, as gymnasium's ``AutoresetMode.NEXT_STEP``.
 
-    Raises ``InputError`` as ``GrsEnv``, and for numbers below 1; ``GrsError`` where a process was killed.
+    Raises ``InputError`` for numbers below 1, ``GrsError`` where a process was killed, and the errors of ``GrsEnv``.
     """
 
     metadata = _METADATA
@@ -158,6 +165,7 @@ class _Shared:
 def _serve(pipe: Any, end: Any, numbers: list[int], shared: _Shared, arguments: dict[str, Any]) -> None:
     """Reply to requests until the parent closes its ``end`` of the pipe, of which a fork has a copy."""
     end.close()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent is interrupted, and closes its end
     envs, views = {number: GrsEnv(**arguments) for number in numbers}, shared.open()
 
     def reset(seeds: dict[int, int | None], options: dict[str, Any]) -> list[tuple[int, dict[str, Any]]]:
@@ -189,11 +197,11 @@ def _serve(pipe: Any, end: Any, numbers: list[int], shared: _Shared, arguments: 
     while True:
         try:
             name, values = pipe.recv()
-        except (EOFError, KeyboardInterrupt):
+        except EOFError:
             break
         try:
             pipe.send(requests[name](*values))
-        except GrsError as error:
+        except _ERRORS as error:
             pipe.send(error)
     for env in envs.values():
         env.close()

@@ -271,6 +271,7 @@ def summarize(
     """The figures of an evaluation."""
     everything = results
     results = [row for row in everything if not row.perturb]
+    together = [row for row in everything if order.perturb and row.factors == order.perturb]
     by_task = {task.name: [row for row in results if row.task == task.name] for task in suite.tasks}
     by_task = {name: rows for name, rows in by_task.items() if rows}
     tags = {task.name: task.tags for task in suite.tasks}
@@ -310,7 +311,7 @@ def summarize(
         path=_mean([row.path for row in solved]),
         latency=_mean(latencies),
         effects=fit_effects([_describe_trial(row) for row in everything]) if order.perturb else (),
-        together=cluster([row for row in everything if row.perturb == order.perturb]) if order.perturb else None,
+        together=cluster(together) if together else None,
     )
 
 

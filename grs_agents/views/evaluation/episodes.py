@@ -4,7 +4,7 @@ from hashlib import sha256
 from pathlib import Path
 
 from grs_agents.base.errors import InputError, UnknownNameError
-from grs_agents.base.files import write_json
+from grs_agents.base.files import refuse_link, write_json
 from grs_agents.base.foreign.files import read_json
 from grs_agents.base.trace.events import Rollout
 from grs_agents.tasks.suites.evaluation import (
@@ -24,6 +24,7 @@ def make_episode_shot(suite_folder: Path, out: Path, row: EpisodeResult) -> Roll
     folder = open_suite_task(suite_folder, read_suite(suite_folder).task(row.task))
     instance = drawn_instance_name(row) if row.perturb else f"instances/{row.task}-{row.instance}.json"
     if not row.perturb:
+        refuse_link(out / "instances")  # the folder may come from somebody else
         write_json(out / instance, folder.read_instance(row.instance).model_dump(mode="json"))
     event = Rollout(
         seed=row.instance,

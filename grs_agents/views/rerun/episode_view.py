@@ -8,6 +8,7 @@ import numpy as np
 import rerun as rr
 
 from grs_agents.tasks.suites.evaluation import EpisodeResult, motion_file_name
+from grs_agents.views.common.safe_text import to_markdown_cell, to_viewer_markdown
 from grs_agents.views.film.rollout_film import RolloutShot
 from grs_agents.views.rerun.recording import Paths, RerunRecording
 from grs_agents.views.rerun.rollout_view import RolloutView
@@ -35,5 +36,5 @@ def _describe_episode(name: str, row: EpisodeResult) -> str:
         ("dropped", str(row.dropped)),
         ("perturbed", ", ".join(row.factors) or "nothing"),
     )
-    cells = (f"| {title} | {text.replace('|', '/').replace(chr(10), ' ')} |" for title, text in rows)
-    return "\n".join((f"## {name}", "", row.instruction, "", "| | |", "|---|---|", *cells))
+    cells = (f"| {title} | {to_markdown_cell(text)} |" for title, text in rows)
+    return to_viewer_markdown("\n".join((f"## {name}", "", row.instruction, "", "| | |", "|---|---|", *cells)))

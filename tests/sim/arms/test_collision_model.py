@@ -54,6 +54,17 @@ def support(model, body, directions):
     return far
 
 
+def test_meshes_of_a_file_may_have_the_names_of_hulls(tmp_path) -> None:
+    names = ("link", "link_hull", "hull_0")
+    meshes = "".join(f'<mesh name="{name}" file="link.obj"/>' for name in names)
+    geoms = "".join(f'<geom type="mesh" mesh="{name}" density="500"/>' for name in names)
+    count = write_ellipsoid(tmp_path / "link.obj")
+    text = GANTRY.replace("<worldbody>", f"<asset>{meshes}</asset><worldbody>", 1)
+    (tmp_path / "arm.xml").write_text(text.replace('<joint name="z" ', f'{geoms}<joint name="z" ', 1))
+    model = build_world((), Library(), arm=get_arm(str(tmp_path / "arm.xml"))).model
+    assert model.nmesh == len(names) and model.nmeshvert < count / 5
+
+
 @pytest.fixture(scope="module")
 def mesh_arm(tmp_path_factory):
     """A gantry with meshes, and the number of vertices of each."""

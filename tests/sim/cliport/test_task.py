@@ -257,6 +257,18 @@ def test_a_random_pose_keeps_to_the_bound_that_it_is_given() -> None:
     assert 0.2 <= found[1] <= 0.4
 
 
+def test_a_bound_of_any_size_is_searched_within_the_table() -> None:
+    found: list[float] = []
+
+    def scene(task, env) -> None:
+        bound = np.array([[-1e4, 1e4], [-1e4, 1e4], [0.0, 0.3]])
+        found.extend(task.get_random_pose(env, (0.1, 0.1, 0.1), bound=bound)[0])
+        goal(task, env)
+
+    drawn(scene)
+    assert np.hypot(found[0], found[1]) < 1
+
+
 def test_where_nothing_else_is_free_published_programs_and_ropes_get_places_on_marks() -> None:
     def cover_table(task, env) -> None:
         wide = task.fill_template("zone/zone-template.urdf", {"DIM": (0.5, 1.0, 0.002)})

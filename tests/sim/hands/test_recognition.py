@@ -7,6 +7,8 @@ from sim_scenes import Scripted, at
 from grs_agents.base.config.load import load_config
 from grs_agents.base.config.schema import OwnHandConfig
 from grs_agents.base.errors import ConfigError, InputError
+from grs_agents.runs.program_check import open_check_order
+from grs_agents.runs.record import read_record
 from grs_agents.runs.run_opening import RunOrder, open_run
 from grs_agents.sim import Environment
 from grs_agents.sim.arms.arm_files import copy_arm_files
@@ -127,6 +129,35 @@ def test_a_description_of_no_hand_is_refused(tmp_path) -> None:
         load_config(None, ["robot=arm.xml", 'own_hand={joints = ["a", "b"], open = [1], closed = [0, 0]}'])
 
 
+def test_fingers_of_unequal_length_and_without_names_are_recognised(tmp_path) -> None:
+    short = 'size="0.01 0.0075 0.024" pos="0 0.0075 0.024"'
+    own = recognise_own_hand(write(tmp_path, _PARALLEL.replace(short, short.replace("0.024", "0.2"), 1)))
+    assert own.hand.length == pytest.approx(0.106) and own.hand.stroke == pytest.approx(0.08)
+    (tmp_path / "unnamed").mkdir()
+    unnamed = _PARALLEL.replace('name="finger_joint1" ', "").replace("finger_joint2", "finger")
+    unnamed = unnamed.replace('<body name="hand"', "<body").replace("mast", "carrier")
+    file = write(tmp_path / "unnamed", unnamed)
+    assert recognise_own_hand(file).joints == ("finger_1", "finger")
+    assert get_arm(str(file), "own").dof == 4
+
+
+def test_a_file_without_bounds_on_its_fingers_is_refused(tmp_path) -> None:
+    with pytest.raises(InputError, match="finger_joint2 move farther than 100 rad or m"):
+        recognise_own_hand(write(tmp_path, _PARALLEL.replace('range="0 0.04"', 'range="0 inf"')))
+    for fields in ("open = [inf], closed = [0]", "open = [1], closed = [0], tcp = [0, 0, nan]"):
+        with pytest.raises(ConfigError, match="finite number"):
+            load_config(None, ["robot=arm.xml", f'own_hand={{joints = ["a"], {fields}}}'])
+
+
+def test_a_description_is_written_into_any_form_of_a_file_but_not_beside_another(tmp_path) -> None:
+    hand = OwnHandConfig(joints=("finger_joint1", "finger_joint2"), open=(0.04, 0.04), closed=(0, 0), tcp=(0, 0, 0.1))
+    loose = _PARALLEL.replace("</mujoco>", "</mujoco\n>") + "<!-- </mujoco> -->"
+    copy = copy_arm_files(write(tmp_path, loose), tmp_path / "run", hand)
+    assert copy is not None and recognise_own_hand(copy).hand.length == pytest.approx(0.1)
+    with pytest.raises(InputError, match="describes its hand already"):
+        copy_arm_files(copy, tmp_path / "again", hand)
+
+
 def test_a_run_takes_the_hand_in_the_file_of_its_arm_unless_one_is_named(tmp_path, sample_scene) -> None:
     for name, text, settings, hand in (
         ("fingers", _PARALLEL, (), "own"),
@@ -138,6 +169,23 @@ def test_a_run_takes_the_hand_in_the_file_of_its_arm_unless_one_is_named(tmp_pat
         config = load_config(None, [f"robot={write(folder, text)}", *settings])
         with open_run(RunOrder("run", sample_scene, config, out=folder / "run")) as (_, record, chosen):
             assert chosen.hand == record.config.as_json()["hand"] == hand
+
+
+def test_a_check_against_a_photo_comprehends_it_with_the_hand_that_is_named(tmp_path, sample_scene) -> None:
+    (tmp_path / "program.py").write_text("")
+    config = load_config(None, [f"robot={write(tmp_path, _PARALLEL)}", "hand=suction"])
+    hands: list[str] = []
+
+    def view(folder, _log):
+        hands.append(read_record(folder).config.as_json()["hand"])
+        raise InputError("seen enough")
+
+    with (
+        pytest.raises(InputError, match="seen enough"),
+        open_check_order(tmp_path / "program.py", None, None, sample_scene, config, view),
+    ):
+        pass
+    assert hands == ["suction"]
 
 
 def test_an_arm_picks_with_the_hand_of_its_file(tmp_path) -> None:

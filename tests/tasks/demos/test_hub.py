@@ -141,6 +141,20 @@ def test_a_refusal_of_the_hub_is_an_error_that_names_it(hub: Hub, dataset: Path)
     assert "hf_secret" not in str(refused.value)
 
 
+def test_a_hub_that_is_not_reached_and_a_faulty_data_set_are_errors_that_name_it(hub: Hub, dataset: Path) -> None:
+    hub.shutdown()
+    hub.server_close()
+    with pytest.raises(GrsError, match=r"the Hub did not take lab/boxes: .*refused"):
+        push_dataset(dataset, "lab/boxes", private=False)
+    (dataset / "data" / "secret").symlink_to(dataset.parent / "key")
+    with pytest.raises(InputError, match="secret is a link"):
+        push_dataset(dataset, "lab/boxes", private=False)
+    (dataset / "data" / "secret").unlink()
+    (dataset / "meta" / "info.json").write_text("{}")
+    with pytest.raises(InputError, match="is a damaged data set: KeyError"):
+        push_dataset(dataset, "lab/boxes", private=False)
+
+
 def test_other_formats_names_and_no_login_are_refused(dataset: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     described = json.loads((dataset / "grs.json").read_text())
     (dataset / "grs.json").write_text(json.dumps({**described, "format": "robomimic"}))

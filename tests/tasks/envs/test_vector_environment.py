@@ -36,6 +36,8 @@ def test_an_error_in_a_process_is_raised_here_and_the_others_go_on(blocks) -> No
     vector = gymnasium.make_vec(GRS, num_envs=2, run=blocks, workers=2)
     with pytest.raises(UnknownNameError, match="unknown instance '9'"):
         vector.reset(options={"instance": 9})
+    with pytest.raises(AttributeError, match="'GrsEnv' object has no attribute 'colour'"):
+        vector.call("colour")
     observation, info = vector.reset(options={"instance": 1})
     assert info["instance"].tolist() == [1, 1]
     assert observation["objects"].shape[0] == 2

@@ -23,6 +23,7 @@ from grs_agents.tasks.suites.evaluation import (
     evaluate,
     make_order,
     read_results,
+    summarize,
 )
 from grs_agents.tasks.suites.layouts import PRESETS, Layout, read_layout
 from grs_agents.tasks.suites.policies import EpisodeStart, ExpertPolicy
@@ -365,6 +366,9 @@ def test_no_factor_costs_the_expert_success(suite_folder: Path, tmp_path: Path) 
     assert drawn["mass"]["objects"][0]["mass"] and not drawn["words"]["objects"][0]["mass"]
     assert drawn["light"]["light"] != drawn["words"]["light"]
     assert "words" not in rows[0].factors and rows[3].instruction != rows[0].instruction
+    undrawn = [row.model_copy(update={"factors": ("words",)}) if row.perturb == perturb else row for row in rows]
+    order = make_order(suite_folder, "oracle", PRESETS["grs"], perturb=perturb)
+    assert summarize(read_suite(suite_folder), order, undrawn, ()).together is None
 
 
 def test_an_unknown_factor_is_refused(suite_folder: Path) -> None:
