@@ -33,15 +33,28 @@ class Separation:
     steps: tuple[float, ...] = DEFAULT.settling.depenetration.steps  # distances to try, m
 
 
+TriedMoves = dict[tuple[bytes, int, float], list[float]]
+"""The depths (m) that the moves of an object in `DIRECTIONS` leave, by the state before, the object and the step."""
+
+
+def physics_state(world: World) -> bytes:
+    """The state on which a simulation depends to the last bit, within a world."""
+    model, kind = world.model, mujoco.mjtState.mjSTATE_INTEGRATION
+    state = np.empty(mujoco.mj_stateSize(model, kind))
+    mujoco.mj_getState(model, world.data, state, kind)
+    return state.tobytes()
+
+
 def deepest_overlap_depth(world: World) -> float:
     """The deepest overlap, m."""
     return max(0.0, float(-np.asarray(world.data.contact.dist).min(initial=0.0)))
 
 
-def separate_objects(world: World, guessed: Collection[int], way: Separation) -> None:
+def separate_objects(world: World, guessed: Collection[int], way: Separation, tried: TriedMoves) -> None:
     """Separate overlapping objects, deepest pair first, until no remaining deep overlap can be resolved by a move.
 
-    Of a pair the object with the cheaper move moves; a move of a ``guessed`` object is cheaper.
+    Of a pair the object with the cheaper move moves; a move of a ``guessed`` object is cheaper. Moves in ``tried``, of
+    other strategies in the same world, are not computed again; new ones are added.
     """
     if way.lift:
         mujoco.mj_forward(world.model, world.data)
@@ -59,16 +72,18 @@ def separate_objects(world: World, guessed: Collection[int], way: Separation) ->
         if not deep:
             return
         pair = max(deep, key=lambda pair: deep[pair])
-        if not _move_pair_apart(world, pair, guessed, way):
+        if not _move_pair_apart(world, pair, guessed, way, tried):
             stuck.add(pair)
     mujoco.mj_forward(world.model, world.data)
 
 
-def _move_pair_apart(world: World, pair: tuple[int, int], guessed: Collection[int], way: Separation) -> bool:
+def _move_pair_apart(
+    world: World, pair: tuple[int, int], guessed: Collection[int], way: Separation, tried: TriedMoves
+) -> bool:
     """Move either of two objects, or each half the way; False if neither can be moved free of others."""
     free = CONFIG.free * way.deep
-    tried = ((number, _find_shortest_free_move(world, number, way, free)) for number in pair)
-    moves = {number: move for number, move in tried if move is not None}
+    shortest = ((number, _find_shortest_free_move(world, number, way, free, tried)) for number in pair)
+    moves = {number: move for number, move in shortest if move is not None}
     if not moves:
         return False
 
@@ -94,16 +109,18 @@ def overlap_depth_by_pair(world: World) -> dict[tuple[int, int], float]:
     return depths
 
 
-def _find_shortest_free_move(world: World, number: int, way: Separation, free: float) -> Floats | None:
+def _find_shortest_free_move(
+    world: World, number: int, way: Separation, free: float, tried: TriedMoves
+) -> Floats | None:
     """The first tried move (3,), m, that leaves no overlap above ``free`` m; None without such a move."""
     if number not in world.addresses:
         return None
     start = world.addresses[number]
-    here = world.data.qpos[start : start + 3].copy()
+    here, before = world.data.qpos[start : start + 3].copy(), world.data.qpos.tobytes()
     shortest: Floats | None = None
     for step in way.steps:
-        depths: list[float] = []
-        for direction in DIRECTIONS:
+        depths = tried.setdefault((before, number, step), [])
+        for direction in () if depths else DIRECTIONS:
             world.data.qpos[start : start + 3] = here + step * direction
             depths.append(overlap_depth_of_object(world, number))
         best = int(np.argmin(depths))

@@ -3,8 +3,10 @@
 Overlaps are resolved without gravity, then gravity acts. The comparison is the share of pixels with the photo's depth.
 """
 
+import copy
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +17,13 @@ from grs_agents.library.library import Library
 from grs_agents.library.shapes import matrix_from_quaternion
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import pixels_in_mask
-from grs_agents.perception.settling.depenetration import Separation, deepest_overlap_depth, separate_objects
+from grs_agents.perception.settling.depenetration import (
+    Separation,
+    TriedMoves,
+    deepest_overlap_depth,
+    physics_state,
+    separate_objects,
+)
 from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame, TwinReport
 from grs_agents.sim.instance.task_instance import InstanceObject
 from grs_agents.sim.rendering.cameras import VisibleScene
@@ -143,8 +151,9 @@ def settle_objects(objects: Sequence[PlacedObject], library: Library) -> RestSta
     ways = [Separation(deep, lift, bounds.steps) for deep in bounds.depths for lift in (True, False)]
     ways.append(Separation(bounds.depths[0], lift=True, steps=(*bounds.steps, *bounds.last_steps)))
     rests: list[RestState] = []
+    settler = _Settler(objects, library)
     for way in ways:
-        rest = _Settler(objects, library, way).compute_rest_state()
+        rest = settler.compute_rest_state(way)
         if rest.penetration < CONFIG.overlap and rest.largest_drift < CONFIG.fallen:
             return rest
         rests.append(rest)
@@ -169,16 +178,38 @@ class _Drop:
     still: bool
 
 
-class _Settler:
-    """Simulates the scene to rest for one separation strategy."""
+@dataclass(frozen=True)
+class _Simulation:
+    """A world at rest or at the end of the time, and the poses before gravity acted."""
 
-    def __init__(self, objects: Sequence[PlacedObject], library: Library, way: Separation) -> None:
-        self.objects, self.library, self.way = objects, library, way
+    apart: list[Pose]
+    data: Any  # ``mujoco.MjData``
+    still: bool
+
+
+@dataclass(frozen=True)
+class _Memo:
+    """A world before the objects are moved apart, and all that is computed from it.
+
+    Most strategies move the same objects to the same places: each simulation runs once.
+    """
+
+    world: World
+    moves: TriedMoves
+    simulations: dict[bytes, _Simulation]  # by the state when the objects are apart
+
+
+class _Settler:
+    """Simulates the scene to rest by each separation strategy."""
+
+    def __init__(self, objects: Sequence[PlacedObject], library: Library) -> None:
+        self.objects, self.library = objects, library
+        self.memos: dict[tuple[tuple[int, ...], tuple[Pose, ...]], _Memo] = {}  # by held objects and poses
         self.here = [number for number, placed in enumerate(objects) if is_over_table(placed)]
         self.items = to_instance_objects([objects[number] for number in self.here], library)
         self.guessed = {item.id for item, number in zip(self.items, self.here, strict=True) if objects[number].guessed}
 
-    def compute_rest_state(self) -> RestState:
+    def compute_rest_state(self, strategy: Separation) -> RestState:
         """The scene at rest; falling objects are held, the lowest first, each in a new simulation."""
 
         def lowest_corner_height(number: int) -> float:
@@ -187,11 +218,11 @@ class _Settler:
             corners = np.array(np.meshgrid(*bounds.T)).reshape(3, -1)
             return float((matrix_from_quaternion(item.pose[1]) @ corners)[2].min() + item.pose[0][2])
 
-        first = last = self._separate_and_drop(self.items, set())
+        first = last = self._separate_and_drop(self.items, set(), strategy)
         held: set[int] = set()
         while fell := [number for number in last.fell if number not in held]:
             held.add(min(fell, key=lowest_corner_height))
-            last = self._separate_and_drop(first.apart, held)
+            last = self._separate_and_drop(first.apart, held, strategy)
         placed: list[RestPose | None] = [None] * len(self.objects)
         for item, resting, number in zip(self.items, last.poses, self.here, strict=True):
             pose = _translate_in_own_frame(resting, _bounding_box_center(item.asset, self.library))
@@ -199,25 +230,35 @@ class _Settler:
             placed[number] = RestPose(pose, drift, item.id in held)
         return RestState(tuple(placed), first.found, last.penetration, last.still)
 
-    def _separate_and_drop(self, items: Sequence[InstanceObject], held: Collection[int]) -> _Drop:
+    def _separate_and_drop(self, items: Sequence[InstanceObject], held: Collection[int], strategy: Separation) -> _Drop:
         """Move objects apart, and simulate to rest; the ``held`` objects are fixed."""
         items = [item.model_copy(update={"category": "fixed"}) if item.id in held else item for item in items]
-        world = build_settling_world(items, self.library)
+        key = tuple(sorted(held)), tuple(item.pose for item in items)
+        if key not in self.memos:
+            self.memos[key] = _Memo(build_settling_world(items, self.library), {}, {})
+        memo = self.memos[key]
+        world = replace(memo.world, data=copy.copy(memo.world.data))
         found, still = deepest_overlap_depth(world), False
         first: list[Pose] = []
         apart: list[Pose] = []
         for attempt in range(CONFIG.tries):
-            way, overlap = self.way, deepest_overlap_depth(world)
+            way, overlap = strategy, deepest_overlap_depth(world)
             if attempt > 0 and overlap < CONFIG.wedged:  # wedged after a fall: first by small steps
                 last = attempt == CONFIG.tries - 1
                 steps = tuple(step for step in way.steps if step < CONFIG.fallen or last)
                 way = replace(way, deep=CONFIG.overlap, steps=steps)
-            separate_objects(world, self.guessed, way)
-            push_overlaps_apart(world)
-            apart = _read_body_poses(world, items)
+            separate_objects(world, self.guessed, way, memo.moves)
+            start = physics_state(world)
+            if start in memo.simulations:
+                world = replace(world, data=copy.copy(memo.simulations[start].data))
+            else:
+                push_overlaps_apart(world)
+                before = _read_body_poses(world, items)
+                still = simulate_until_rest(world)
+                mujoco.mj_forward(world.model, world.data)
+                memo.simulations[start] = _Simulation(before, copy.copy(world.data), still)
+            apart, still = memo.simulations[start].apart, memo.simulations[start].still
             first = first or apart
-            still = simulate_until_rest(world)
-            mujoco.mj_forward(world.model, world.data)
             if deepest_overlap_depth(world) < CONFIG.overlap:
                 break
         poses = _read_body_poses(world, items)

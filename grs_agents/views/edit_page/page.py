@@ -16,6 +16,7 @@ from urllib.parse import quote
 import numpy as np
 from pydantic import ValidationError
 
+from grs_agents.base import Vec3
 from grs_agents.base.errors import GrsError
 from grs_agents.base.geometry.transforms import matrix_to_quaternion, quaternion_to_matrix
 from grs_agents.library.asset_rendering import render_asset_views
@@ -41,7 +42,10 @@ from grs_agents.perception.edits import (
     Split,
     describe_edit,
 )
+from grs_agents.perception.settling.settling import PlacedObject, to_instance_objects
 from grs_agents.perception.types import FARTHEST, NEAREST, Mask, RGBDFrame, SceneDescription, SceneObject
+from grs_agents.sim.rendering.cameras import VisibleScene
+from grs_agents.sim.rendering.pictures import render_along_rays
 from grs_agents.views.edit_page.guard import GuardedServer
 from grs_agents.views.edit_page.photo_plane import (
     THUMBNAIL,
@@ -208,6 +212,17 @@ class EditPage:
         there = [item for item in self._editor.scene.objects if item.name in masks and masks[item.name][at]]
         return min(there, key=lambda item: int(masks[item.name].sum()), default=None)
 
+    def _find_object_along(self, origin: Vec3, direction: Vec3) -> str | None:
+        """The name of the first object on a ray from a point, m.
+
+        The browser could find it, but its objects would take the clicks on parts of the gizmo that lie in them.
+        """
+        items, library = self._editor.scene.objects, self._editor.library
+        placed = [PlacedObject(item.asset, item.settled or (item.position, item.orientation)) for item in items]
+        sight = VisibleScene(to_instance_objects(placed, library), library)
+        owner = int(render_along_rays(sight, np.array(origin), np.array(direction)[None, None]).owner[0, 0])
+        return items[owner].name if owner >= 0 else None
+
     def _require_selected(self) -> SceneObject:
         item = self._selected()
         if item is None:
@@ -236,7 +251,12 @@ class EditPage:
         return self._plane.find_pixel(screen, viewer)
 
     def _click(self, event: Any) -> None:
-        if not self._photo_shown or self._mode in ("add", "split"):
+        if not self._photo_shown:
+            name = self._find_object_along(event.ray_origin, event.ray_direction)
+            if name is not None:
+                self._select(name)
+            return
+        if self._mode in ("add", "split"):
             return
         pixel = self._pixel(event.client, event.screen_pos)
         if pixel is None:
@@ -646,15 +666,9 @@ class EditPage:
                 node = self._viser.scene.add_glb(
                     f"/objects/{quote(item.name, safe='')}", build_asset_glb(library, item.asset)
                 )
-                node.on_click(self._later(partial(self._click_object, item.name)))
                 self._nodes[item.name] = (key, node)
             node = self._nodes[item.name][1]
             node.position, node.wxyz, node.visible = position, wxyz, not self._photo_shown
-
-    def _click_object(self, name: str, event: Any) -> None:
-        del event
-        if not self._photo_shown and any(item.name == name for item in self._editor.scene.objects):
-            self._select(name)
 
     def _draw_gizmos(self, item: SceneObject | None) -> None:
         robot = bool(self._moves_robot.value)

@@ -16,7 +16,7 @@ from tests.perception.settling.photo import BLOCK, MILK, standing, world_of
 def _moved(world: World, way: Separation) -> dict[int, "np.ndarray[tuple[int, ...], np.dtype[np.float64]]"]:
     """How far each thing is moved, (3,) m, by its number."""
     before = world.data.qpos.copy()
-    separate_objects(world, (), way)
+    separate_objects(world, (), way, {})
     return {number: (world.data.qpos - before)[start : start + 3] for number, start in world.addresses.items()}
 
 

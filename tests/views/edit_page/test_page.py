@@ -54,7 +54,8 @@ class Served:
     def do(self, *acts: tuple[str, Any]) -> None:
         """Set fields, press buttons (label, True) and buttons of groups (group, button), then finish.
 
-        Of the photo, ``("click", pixel)`` clicks it, and ``("rect-select", rectangle)`` drags a rectangle.
+        Of the photo, ``("click", pixel)`` clicks it, and ``("rect-select", rectangle)`` drags a rectangle; in 3D
+        ``("ray", (origin, direction))`` clicks.
         """
         messages = import_module("viser._messages")
         parts = urlsplit(self.server.address)
@@ -89,6 +90,8 @@ class Served:
                     points = (value[:2], value[2:]) if label == "rect-select" else (value,)
                     screen = tuple(screen_point(self.plane, 1.6, point) for point in points)
                     message = messages.ScenePointerMessage(label, (0.0,) * 3, (0.0, 0.0, 1.0), screen, None)
+                elif label == "ray":
+                    message = messages.ScenePointerMessage("click", *value, ((0.5, 0.5),), None)
                 else:
                     message = messages.GuiUpdateMessage(vars(self.handle(label))["_impl"].uuid, {"value": value})
                 client.send(send(message.as_serializable_dict()))
@@ -151,6 +154,20 @@ def test_presses_are_edits_in_their_order_and_kept(served: Served) -> None:
     assert kinds(served.written().edits) == [SetMass, Rename, Merge, Delete]
     assert Mark not in kinds(served.editor.edits)
     assert not [handle for handle in served.handles() if "<b>" in str(getattr(handle, "content", ""))]
+
+
+def test_a_click_in_3d_selects_the_first_object_on_its_ray(served: Served) -> None:
+    bowl, bottle = (item for item in served.editor.scene.objects if item.name in ("bowl_1", "mayo_1"))
+    down = (0.0, 0.0, -1.0)
+    for item in (bowl, bottle):
+        x, y, _ = (item.settled or (item.position,))[0]
+        served.do(("View", "3D"), ("ray", ((x, y, 1.0), down)))
+        assert f"{item.name} is selected" in served.said()
+    served.do(("ray", ((0.0, 1.5, 1.0), down)))
+    assert "mayo_1 is selected" in served.said()
+    # objects that react to the pointer would take it from parts of the gizmo that lie in them
+    nodes = [node for _, node in vars(served.page)["_nodes"].values()]
+    assert len(nodes) == 3 and not any(vars(node)["_impl"].click_cb for node in nodes)
 
 
 def test_rectangles_in_the_photo_split_and_add_and_a_refused_act_leaves_its_mode(served: Served) -> None:
