@@ -16,8 +16,8 @@ from grs_agents.sim.instance.task_instance import TaskInstance
 from grs_agents.sim.rollouts import Rollout
 from grs_agents.sim.world.spec import TIMESTEP
 
-_VARYING = frozenset({"random", "randomly", "shuffled", "varying", "various", "anywhere"})
-"""Words of a task that say that its seeds differ."""
+_VARYING = frozenset({"random", "randomly", "shuffled", "varying"})
+"""Words of a task that say that its seeds differ. A fixed place is anywhere as well."""
 GOAL = 0.95
 """Least strict score of each single goal, so that a goal of little reward cannot be missed."""
 _ABOUT_SEVERAL = frozenset({"sure_hand", "seeds_differ"})

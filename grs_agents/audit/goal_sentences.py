@@ -163,8 +163,10 @@ class _Table:
             yield row
 
     def _find_asked_places(self, number: int) -> tuple[int, list[list[str]]] | None:
-        """Number of the last goal of an object, and the places that it allows, each as relations; None without goal."""
+        """Number of the last goal of an object, and the places that its goals allow, each as relations; None without
+        goal. A line or an upright pose leaves the place to other goals."""
         found: tuple[int, list[list[str]]] | None = None
+        standing: list[str] = []
         for index, goal in enumerate(self.instance.goals, 1):
             if number not in goal.objects:
                 continue
@@ -174,7 +176,8 @@ class _Table:
             if kind == "stacked":
                 places = [[f"on #{goal.objects[row - 1]}"] if row else ["stack"]]
             elif kind in ("aligned", "upright"):
-                places = [[kind]]
+                standing.append(kind)
+                places = found[1] if found is not None else [list[str]()]
             elif kind is not None:
                 how = {"inside": "in", "near": "beside"}.get(kind, "on")
                 apart = [f"within {goal.required_distance:.2f}"] if kind == "near" else []
@@ -186,7 +189,7 @@ class _Table:
                 targets = [goal.targets[target] for target in goal.allowed_target_indices(row)]
                 places = [self._list_target_relations(target, number) for target in targets]
             found = index, places
-        return found
+        return found and (found[0], [[*place, *standing] for place in found[1]])
 
     def _list_target_relations(self, target: Pose, number: int) -> list[str]:
         supports = self.state.find_supports(self.state.prism(number, target), self.state.end)

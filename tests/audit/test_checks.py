@@ -331,6 +331,8 @@ def test_what_the_photo_shows_has_a_purpose_or_is_left_as_a_bystander() -> None:
 def test_a_task_that_speaks_of_chance_has_seeds_that_differ() -> None:
     random = TASK.model_copy(update={"description": "Put the milk and the can on a random place of the zone."})
     assert failed(judge(task=random)) == {"seeds_differ"}
+    still = TASK.model_copy(update={"description": "Put the milk and the can on the zone and not anywhere else."})
+    assert judge(task=still).accepted
     instances = [instance(seed, MILK, CAN, ZONE, moved_by=0.001 * seed) for seed in range(3)]
     assert judge(task=random, instances=instances).accepted
 

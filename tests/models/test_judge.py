@@ -1,5 +1,6 @@
 """The judge by rules: agrees where goals ask for what the words say, and never where they do not."""
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -53,6 +54,19 @@ TASKS: dict[str, list[Json]] = {
     "around": [{"objects": [RED], "at": (0.36, -0.36)}, {"objects": [BLUE], "at": (0.36, -0.2)}],
     "on one side": [{"objects": [RED], "at": (0.3, -0.2)}, {"objects": [BLUE], "at": (0.36, -0.2)}],
     "near by far": [{"kind": "near", "objects": [TUNA], "reference": MILK, "distance": 0.2}],
+    "row on zone": [
+        {"kind": "in_zone", "objects": [RED, BLUE], "reference": ZONE},
+        {"kind": "aligned", "objects": [RED, BLUE], "distance": 0.06},
+    ],
+    "row, then zone": [
+        {"kind": "aligned", "objects": [RED, BLUE], "distance": 0.06},
+        {"kind": "in_zone", "objects": [RED, BLUE], "reference": ZONE},
+    ],
+    "two cans": [
+        {"kind": "on", "objects": [RED], "reference": CORN},
+        {"kind": "on", "objects": [BLUE], "reference": TUNA},
+    ],
+    "tuna aside": [{"kind": "inside", "objects": [RED], "reference": BOWL}, {"objects": [TUNA], "at": (0.38, -0.15)}],
     "nudge": [{"objects": [MILK], "by": 0.03}, {"objects": [RAISINS], "by": 0.03}],
 }
 
@@ -118,6 +132,9 @@ HONEST = [
     ("stack", "Put the corn can on the green zone and the tuna on the corn, and leave the milk alone."),
     ("swap", "Let the red block and the blue block exchange their places."),
     ("swap", "Swap the red and the blue block."),
+    ("row on zone", "Line up the red block and the blue block on the green zone."),
+    ("row, then zone", "Line up the red block and the blue block on the green zone."),
+    ("two cans", "Put the red block on a can and the blue block on a can."),
 ]
 WRONG = [
     ("aside", "Put the tuna right of the milk."),
@@ -232,6 +249,12 @@ UNREAD = [
     ("nudge", "Clear the table."),
     ("aside", "Remove the tuna from the table."),
     ("pack", "Put the red tin and the yellow tin into the open box."),
+    ("unpack", "Move the tuna in the open box onto the green zone and the red block on the tuna onto the green zone."),
+    ("tidy", "Put the red block on the table into the bowl and the raisins behind the milk onto the green zone."),
+    ("two cans", "Put the red block and the blue block on a can."),
+    ("tuna aside", "Move the red block into the bowl and the tuna."),
+    ("tuna aside", "Sort the red block and the tuna by colour."),
+    ("far row", "Line up the red block and the blue block."),
 ]
 """Words outside the grammar, true or not."""
 
@@ -249,6 +272,15 @@ def test_words_that_say_what_happens_are_agreed_with(task: str, words: str) -> N
 @pytest.mark.parametrize(("task", "words"), WRONG)
 def test_words_that_say_something_else_are_not(task: str, words: str) -> None:
     assert judge(words, tell(task))[0] != "agrees"
+
+
+def test_colors_that_a_camera_saw_differ_from_no_words() -> None:
+    """A proxy is called by its colour in the photo, which people may see as another one."""
+    told = tell("tidy")
+    seen = [row | {"label": "red_block_1"} if row["id"] == RED else row for row in told.objects if row["id"] != BLUE]
+    words = "Put the orange block into the bowl and the raisins onto the green zone."
+    assert judge(words, replace(told, objects=tuple(seen)))[0] == "unclear"
+    assert judge(words, replace(told, objects=tuple(row for row in told.objects if row["id"] != BLUE)))[0] == "differs"
 
 
 SAID = [

@@ -45,7 +45,7 @@ FLAGS: Final = {
 _IDLE: Final = {"please", "carefully", "now", "place", "places", "their", "down", "up", "so", "that"}
 """Words without a meaning of their own after a complete request."""
 _RESERVED: Final = {
-    *_VERBS, *_PREPOSITIONS, *_NUMBERS, *GENERIC, *_PRONOUNS, *_FIRST, *_THEN, *_LAST, *FLAGS, *_IDLE, *COLORS,
+    *_VERBS, *_PREPOSITIONS, *_NUMBERS, *GENERIC, *_PRONOUNS, *_FIRST, *_THEN, *_LAST, *FLAGS, *_IDLE, *COLORS, "table",
     *split_words("the a an all both each every and but of with without for to from at by as is no not other another"),
 }  # fmt: skip
 """Words of the grammar, which are no adjectives."""
@@ -122,6 +122,7 @@ class Request:
     places: list[tuple[How, NounPhrase]] = field(default_factory=list[tuple[How, NounPhrase]])
     flags: set[str] = field(default_factory=set[str])
     heading: bool = False  # requests after a colon give its details
+    elided: bool = False  # its verb is that of the request before it
     after: bool = False  # after all previous requests in time
     first: bool = False  # before all others
     last: bool = False  # after all others
@@ -207,7 +208,7 @@ class _Parser:
             self.at += 1
             request = Request(_VERBS[verb], verb)
         elif self.requests and self.requests[-1].places:  # an elided verb: "A in the box and B in the bowl"
-            request = Request(self.requests[-1].kind, self.requests[-1].verb)
+            request = Request(self.requests[-1].kind, self.requests[-1].verb, elided=True)
         else:
             raise NotUnderstood(f"not understood: {verb}")
         request.first, request.last, request.after = bool(when & _FIRST), bool(when & _LAST), bool(when & _THEN)

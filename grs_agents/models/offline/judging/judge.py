@@ -204,13 +204,11 @@ class _Check:
         moved = self._find_moved(request)
         if (
             not request.places
-            and not (request.verb in ANYWHERE and not request.flags)
+            and not (request.verb in ANYWHERE and not request.flags and not request.elided)
             and not request.flags & {"sidebyside", "bycolor", "bykind"}
         ):
             raise NotUnderstood(f"not understood: whereto to {request.verb} things")
-        for thing in moved:
-            for how, phrase in request.places:
-                self._require_place(thing, how, phrase, request)
+        self._require_places(moved, request)
         if any(
             how == "on" and ("on", other.id) in thing.ends
             for how, _ in request.places
@@ -226,6 +224,32 @@ class _Check:
             _require_neighbors(moved)
         return moved
 
+    def _require_places(self, moved: Sequence[Thing], request: Request) -> None:
+        """Every object ends at every place; a place before another one may tell where an object starts instead."""
+        for number, (how, phrase) in enumerate(request.places, 1):
+            places = self.things.find(phrase) if phrase.article == "a" else []
+            if len(places) > 1:
+                shared = [place for place in places if all(self.things.is_at(thing, how, place) for thing in moved)]
+                if how not in ("in", "on") or not shared:
+                    raise NotUnderstood(f"unclear: which one is {phrase.text}")
+                continue
+            for thing in moved:
+                try:
+                    self._require_place(thing, how, phrase, request)
+                except Differs:
+                    if number < len(request.places) and self._may_start_at(thing, how, phrase):
+                        raise NotUnderstood(
+                            f"unclear: whether {thing.name} starts {how} {phrase.text} or ends there"
+                        ) from None
+                    raise
+
+    def _may_start_at(self, thing: Thing, how: str, phrase: NounPhrase) -> bool:
+        """True unless an object surely starts elsewhere."""
+        if how not in ("in", "on"):
+            return how != "outof"
+        starts = {number for _, number in thing.stood}
+        return not starts if phrase.is_table else self._find_place(how, phrase).id in starts
+
     def _require_place(self, thing: Thing, how: str, phrase: NounPhrase, request: Request) -> None:
         if phrase.is_table:
             if how != "on":
@@ -240,11 +264,6 @@ class _Check:
         plural = (phrase.number or 1) > 1 or phrase.article == "all"
         if plural or (phrase.nouns and phrase.nouns[-1].endswith("s") and phrase.nouns[-1] not in self.things.nouns):
             raise NotUnderstood(f"unclear: which of {phrase.text} is meant")
-        if phrase.article == "a" and len(self.things.find(phrase)) > 1:
-            places = self.things.find(phrase)
-            if how not in ("in", "on") or not any(self.things.is_at(thing, how, place) for place in places):
-                raise NotUnderstood(f"unclear: which one is {phrase.text}")
-            return
         place = self._find_place(how, phrase)
         if how in ("in", "on"):
             if not self.things.is_at(thing, how, place):
@@ -319,9 +338,7 @@ class _Check:
 
     def _check_line(self, request: Request) -> list[Thing]:
         moved = self._find_moved(request)
-        for thing in moved:
-            for how, phrase in request.places:
-                self._require_place(thing, how, phrase, request)
+        self._require_places(moved, request)
         if len(moved) < 2:
             raise NotUnderstood("unclear: what the line is of")
         if not all(thing.spots or thing.lined for thing in moved):
@@ -343,6 +360,8 @@ class _Check:
             raise Differs("the row leads away from the robot, not to its sides")
         if "sidebyside" in request.flags:
             _require_neighbors(row)
+        elif len(row) == 2 and not row[0].lined and gap_between(row[0], row[0].end, row[1], row[1].end) > _BESIDE:
+            raise NotUnderstood("unclear: two things stand in a line wherever they end")
         ways = [row if "leftright" in sided else row[::-1]] if sided else [row, row[::-1]]
         if request.flags & {"shortfirst", "tallfirst"}:
             if not any(_has_height_order(request, way) for way in ways):
@@ -404,6 +423,8 @@ class _Check:
                 ("bykind", [thing.category for thing in things]),
             ):
                 if flag in request.flags:
+                    if not all(thing.ends for thing in things):
+                        raise NotUnderstood("unclear: how things on the bare table are sorted")
                     pairs = set(zip(values, (thing.ends for thing in things), strict=True))
                     if not len(pairs) == len(set(values)) == len({place for _, place in pairs}):
                         raise Differs(f"things are not sorted {flag[:2]} {flag[2:]}")

@@ -43,6 +43,7 @@ class Thing:
     heads: frozenset[str]  # nouns of its kind, singular
     label: tuple[str, ...]  # words of its name, as they are written
     adjectives: frozenset[str]  # words of its description
+    named_by_photo: bool  # its colour is that of a camera; such labels are numbered: brown_bottle_1
     color: str
     category: str
     size: tuple[float, float, float]
@@ -97,6 +98,7 @@ def _parse_thing(row: Json) -> Thing:
         heads=frozenset(heads),
         label=tuple(split_words(str(row.get("label", "")))) or tuple(called.split()),
         adjectives=frozenset(split_words(str(row.get("description", "")))),
+        named_by_photo=str(row.get("label", ""))[-1:].isdigit(),
         color=str(row.get("color", "")),
         category=category,
         size=cast(Any, tuple(row["size"])),
@@ -112,7 +114,7 @@ def _parse_thing(row: Json) -> Thing:
         asked=tuple(_parse_relations(place) for place in relations),
         spots=cast(Any, tuple(spots)) if len(spots) == len(relations) else (),
         within=max(gaps, default=0.0),
-        lined=["aligned"] in relations,
+        lined=any("aligned" in place for place in relations),
     )
 
 
@@ -167,7 +169,11 @@ class Things:
         if not named:
             raise NotUnderstood(f"unclear: which thing is {phrase.text}")
         fitting = [thing for thing in named if set(phrase.colors) <= _colors(thing)]
-        if named and not fitting and not all(set(thing.called.split()) & set(COLORS) for thing in named):
+        if (
+            named
+            and not fitting
+            and any(thing.named_by_photo or not set(thing.called.split()) & set(COLORS) for thing in named)
+        ):
             raise NotUnderstood(f"unclear: which thing is {phrase.text}; colours are those of a camera")
         return fitting
 
