@@ -96,6 +96,8 @@ class Fingers(Grip):
         farthest = 2 * self.hand.speed * float(self._world.model.opt.timestep) * steps
         now = self.commanded_width
         if openness <= 0:
+            if self.closing:  # the command went on closing where the object stopped the pads
+                now = self.width
             self.release()
             goal = -openness * self.hand.stroke
             self.command(now + min(max(goal - now, -farthest), farthest), self.hand.forces[1])

@@ -14,6 +14,10 @@ from grs_agents.sim.arms.joint_paths import WAYPOINT_STEPS
 _TOP_SPEED = 0.95
 """Share of its joints' speed limits that the arm uses, since it overshoots a little."""
 
+_TIME: FloatArray = np.linspace(0.0, 1.0, 9)[:, None]
+_SHIFT: FloatArray = _TIME * _TIME * (3 - 2 * _TIME)
+"""Shares (9, 1) of a change of posture at its way points, a smoothstep; with fewer it exceeds the speed limits."""
+
 
 @dataclass(frozen=True)
 class JointWay:
@@ -52,14 +56,24 @@ class JointWay:
         return between + ahead[0] + share * (ahead[1] - ahead[0])
 
 
-def pace_legs(legs: Sequence[FloatArray], arm: Arm, timestep: float, spacing: int = WAYPOINT_STEPS) -> JointWay:
+def pace_legs(
+    legs: Sequence[FloatArray],
+    arm: Arm,
+    timestep: float,
+    spacing: int = WAYPOINT_STEPS,
+    present: FloatArray | None = None,
+) -> JointWay:
     """Time legs one after the other, slowed to the joints' speed limits.
 
-    Each leg has way points (K, dof), ``spacing`` time steps apart (1 or ``WAYPOINT_STEPS``).
+    Each leg has way points (K, dof), ``spacing`` time steps apart (1 or ``WAYPOINT_STEPS``). Where they begin farther
+    from ``present`` (dof,) than the arm moves between two, a leg from there comes first: numerical inverse kinematics
+    may leave a redundant arm's posture for another with the same tip.
     """
     if spacing != WAYPOINT_STEPS:
         legs = [leg[[*range(0, len(leg) - 1, WAYPOINT_STEPS // spacing), -1]] for leg in legs]
     seconds, limits = WAYPOINT_STEPS * timestep, _TOP_SPEED * arm.joint_speed_limits
+    if present is not None and (np.abs(legs[0][0] - present) > limits * seconds).any():
+        legs = [present + _SHIFT * (legs[0][0] - present), *legs]
     slowed = [joint_paths.slow_to_speed_limits(leg, seconds, limits) for leg in legs]
     corners = list(accumulate((len(leg) - 1 for leg in slowed), initial=0))
     joints = slowed[0] if len(slowed) == 1 else np.concatenate([slowed[0], *(leg[1:] for leg in slowed[1:])])

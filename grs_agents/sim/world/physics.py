@@ -339,7 +339,7 @@ class Physics:
         Returns: True if it ended early: the hand let go, or ``stop`` held.
         """
         held = self.grip.held
-        way = pace_legs(legs, self.arm, self.timestep, spacing)
+        way = pace_legs(legs, self.arm, self.timestep, spacing, self.commanded_joint_positions)
         feeling = way.steps + 1 if stop is None else way.last_leg * WAYPOINT_STEPS
         gone = again = 0
         while gone < way.steps:

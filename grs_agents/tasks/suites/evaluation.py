@@ -24,6 +24,7 @@ from grs_agents.base.foreign.files import read_json, read_text
 from grs_agents.base.geometry import transforms
 from grs_agents.sim.arms.registry import get_arm
 from grs_agents.sim.goals.scores import DISTURBED, MET
+from grs_agents.sim.hands.two_fingers import TwoFingerHand
 from grs_agents.sim.rendering.scene_cameras import Backend
 from grs_agents.sim.world.recording import MotionRecording
 from grs_agents.tasks.envs.gym_environment import GrsEnv
@@ -433,6 +434,8 @@ def _run_episode(key: EpisodeKey) -> tuple[EpisodeResult, list[float]]:
     instruction = drawn.instruction if key.words == "specific" and drawn.instruction else task.words[key.words]
     instruction = perturbed.instruction or instruction
     observed, _ = env.reset(options={"instance": instance, "camera": perturbed.camera})
+    hand = env.episode.physics.arm.hand
+    stroke = hand.stroke if isinstance(hand, TwoFingerHand) else None
     watch = _Watch(env)
     recording = MotionRecording(env.episode.physics, env.episode.task.ids)
     low, high = env.action_bounds
@@ -445,7 +448,7 @@ def _run_episode(key: EpisodeKey) -> tuple[EpisodeResult, list[float]]:
         while not ended:
             begin = time.perf_counter()
             with _time_limit(job.order.timeout):
-                reply = job.policy.act(layout.rename_observation(observed, instruction))
+                reply = job.policy.act(layout.rename_observation(observed, instruction, stroke))
             latencies.append(time.perf_counter() - begin)
             try:
                 actions = layout.read_actions(reply, len(low))

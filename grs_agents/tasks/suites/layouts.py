@@ -32,7 +32,7 @@ from grs_agents.tasks.envs.controls import ControlName
 from grs_agents.tasks.envs.state import AGENT_STATE, TASK_STATE
 
 Observation = dict[str, Any]
-CAMERA, INSTRUCTION = "camera:", "instruction"
+CAMERA, INSTRUCTION, CLOSED = "camera:", "instruction", "closed"
 
 
 class ActionLayout(Frozen):
@@ -51,8 +51,8 @@ class Layout(Frozen):
     execute: Annotated[int, Field(ge=1, le=1000)] | None = None  # actions of a chunk that are carried out; None: all
     image_size: tuple[Annotated[int, Field(ge=16, le=2048)], Annotated[int, Field(ge=16, le=2048)]] = (224, 224)
     joints: Annotated[int, Field(ge=1, le=64)] | None = None  # of the arms that the policy is for; None: any
-    # a policy's name -> ``camera:NAME``, ``instruction``, or a part of the environment's state; names joined by ``+``
-    # are concatenated
+    # a policy's name -> ``camera:NAME``, ``instruction``, ``closed`` (the hand: 0 wide open, 1 closed; 1 of a cup that
+    # holds), or a part of the environment's state; names joined by ``+`` are concatenated
     observation: dict[str, str] = Field(default_factory=dict[str, str])
     action: ActionLayout = ActionLayout()
 
@@ -62,16 +62,20 @@ class Layout(Frozen):
         sources = self.observation.values()
         return tuple(dict.fromkeys(name.removeprefix(CAMERA) for name in sources if name.startswith(CAMERA)))
 
-    def rename_observation(self, observed: Mapping[str, npt.NDArray[Any]], instruction: str) -> Observation:
-        """The environment's observation under the policy's names."""
+    def rename_observation(
+        self, observed: Mapping[str, npt.NDArray[Any]], instruction: str, stroke: float | None = None
+    ) -> Observation:
+        """The environment's observation under the policy's names; ``stroke`` (m): of a hand with fingers."""
         renamed: Observation = {}
+        closed = observed.get("suction") if stroke is None else 1.0 - observed["gripper"] / stroke
+        known = dict(observed) if closed is None else {**observed, CLOSED: closed}
         for name, source in self.observation.items():
             if source == INSTRUCTION:
                 renamed[name] = instruction
             elif source.startswith(CAMERA):
                 renamed[name] = observed[f"{source.removeprefix(CAMERA)}_rgb"]
             else:
-                parts = [np.ravel(observed[part.strip()]) for part in source.split("+")]
+                parts = [np.ravel(known[part.strip()]) for part in source.split("+")]
                 renamed[name] = np.concatenate(parts).astype(np.float32)
         return renamed
 
@@ -122,7 +126,7 @@ PRESETS: Final[Mapping[str, Layout]] = {
             "observation/exterior_image_2_left": "camera:front",
             "observation/wrist_image_left": "camera:wrist",
             "observation/joint_position": "joint_positions",
-            "observation/gripper_position": "suction",
+            "observation/gripper_position": CLOSED,
             "prompt": INSTRUCTION,
         },
         action=ActionLayout(key="actions", gripper="positive"),

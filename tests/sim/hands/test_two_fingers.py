@@ -45,6 +45,22 @@ def test_fingers_hold_by_contact_alone_and_set_down_to_a_millimetre(robot: str, 
     assert not env.physics.unheld_objects_touching_robot()
 
 
+def test_fingers_that_hold_open_at_once() -> None:
+    env = one_block()
+    fingers, physics = env.physics.fingers, env.physics
+    grasp = env.end_effector.find_grasps(physics, 1, env.object_prism(1), ()).poses[0]
+    assert env.pick_place_motion.pick_and_lift(grasp, 0.005).placed
+    width = fingers.width
+    fingers.move_towards(1.0, 100)
+    physics.step(100)
+    assert (fingers.held, fingers.commanded_width) == (1, 0.0)  # the block keeps the pads apart
+    for _ in range(25):
+        fingers.move_towards(-1.0, 4)
+        physics.step(4)
+    assert fingers.width > width + 0.005
+    assert fingers.pads_touching(1) == 0
+
+
 @pytest.mark.parametrize("hand", [FRANKA_HAND, ROBOTIQ_2F85])
 def test_the_fingers_open_as_wide_as_the_data_sheet_says(hand) -> None:
     env = one_block(hand=hand.name)

@@ -89,3 +89,20 @@ def test_what_stands_in_the_way_is_met_as_the_dynamics_say() -> None:
         ends.append(np.array(env.get_object_pose(2)[0]) - before)
     assert np.linalg.norm(ends[0]) > 0.03
     assert ends[0] == pytest.approx(ends[1], abs=0.03)
+
+
+def test_a_path_that_begins_in_another_posture_is_reached_within_the_speed_limits() -> None:
+    env = scene_of(robot="panda")
+    physics = env.physics
+    times, joints = [float(physics.data.time)], [physics.joint_positions]
+    path = physics.commanded_joint_positions + np.linspace(0.2, 0.3, 200)[:, None]
+
+    def look() -> None:
+        times.append(float(physics.data.time))
+        joints.append(physics.joint_positions)
+
+    physics.observer = look
+    physics.follow_joint_path(path)
+    speeds = np.abs(np.diff(joints, axis=0) / np.diff(times)[:, None])
+    assert (speeds <= env.arm.joint_speed_limits).all()
+    assert physics.joint_positions == pytest.approx(path[-1], abs=1e-9)

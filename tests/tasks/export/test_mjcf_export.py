@@ -244,10 +244,22 @@ def test_fingers_lift_a_thing_in_plain_mujoco(tmp_path: Path, portable: bool) ->
     arm: Any = get_arm("ur5e", "robotiq_2f85")
     model.actuator_forcerange[-2:] = (-40.0, 40.0)
     down = arm.solve_ik_tool_down(np.array([[0.5, 0.1, 0.005], [0.5, 0.1, 0.15]]), np.zeros(2))
-    for joints, width in ((down[1], 0.04), (down[0], 0.04), (down[0], 0.0), (down[1], 0.0)):
+
+    def go(joints: Any, width: float) -> None:
         start = np.array(data.ctrl[:6])
         for share in np.linspace(0, 1, 400):
             data.ctrl[:6], data.ctrl[6:] = start + share * (joints - start), width
             mujoco.mj_step(model, data)
         mujoco.mj_step(model, data, 100)
+
+    for joints, width in ((down[1], 0.04), (down[0], 0.04), (down[0], 0.0), (down[1], 0.0)):
+        go(joints, width)
     assert float(data.body("object_1").xpos[2]) > 0.14
+    go(down[0], 0.0)
+    width = float(data.qpos[6])
+    for joints in np.linspace(down[0], down[1], 100):  # opens as it rises, from the present width
+        width = min(width + 0.075 * 0.004, 0.04)
+        data.ctrl[:6], data.ctrl[6:] = joints, width
+        mujoco.mj_step(model, data)
+    mujoco.mj_step(model, data, 100)
+    assert float(data.body("object_1").xpos[2]) < 0.03

@@ -175,6 +175,17 @@ def test_a_layout_in_toml_names_observations_and_actions(tmp_path: Path) -> None
         read_layout(str(file))
 
 
+def test_droid_sees_how_far_the_hand_is_closed() -> None:
+    layout = Layout(observation={"hand": PRESETS["droid"].observation["observation/gripper_position"]})
+
+    def hand(stroke: float | None = None, **observed: float) -> list[float]:
+        state = {name: np.array([value]) for name, value in observed.items()}
+        return layout.rename_observation(state, "do it", stroke)["hand"].tolist()
+
+    assert [hand(0.08, suction=0.0, gripper=width) for width in (0.08, 0.02, 0.0)] == [[0.0], [0.75], [1.0]]
+    assert [hand(suction=holds) for holds in (0.0, 1.0)] == [[0.0], [1.0]]
+
+
 # --- servers
 
 
