@@ -149,6 +149,7 @@ NEEDS = {
         package: _package(package, 'pip install "grs-agents[demos]"')
         for package in ("pyarrow", "av", "h5py", "huggingface_hub")
     },
+    "mujoco_menagerie": _package("mujoco_menagerie", 'pip install "grs-agents[robots]"'),
     "DracoPy": _package("DracoPy", 'pip install "grs-agents[assets]"'),
     "gymnasium": _package("gymnasium", 'pip install "grs-agents[gym]"'),
     "minari": _package("minari", 'pip install "grs-agents[minari]"'),

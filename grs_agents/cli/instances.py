@@ -12,6 +12,7 @@ from rich.text import Text
 from grs_agents.base import terminal
 from grs_agents.base.errors import InputError
 from grs_agents.base.files import refuse_link
+from grs_agents.base.menagerie import resolve_menagerie_name
 from grs_agents.base.terminal import print_escaped, print_json
 from grs_agents.sim.arms.registry import get_arm
 from grs_agents.sim.variation.types import Variation
@@ -69,7 +70,9 @@ def write_instances_of_robots(
     requested = parse_seed_range(seeds)
     task = open_task_folder(run)
     own = task.read_instance(task.seeds[0])
-    every = product(dict.fromkeys(robots or [own.robot]), dict.fromkeys(hands or [own.hand]))
+    every = product(
+        dict.fromkeys(map(resolve_menagerie_name, robots or [own.robot])), dict.fromkeys(hands or [own.hand])
+    )
     pairs = [Robot(robot=robot, hand=hand) for robot, hand in every]
     for pair in pairs:
         get_arm(pair.robot, pair.hand)  # before anything is simulated

@@ -28,7 +28,7 @@ _SET = typer.Option(
 Settings = Annotated[list[str] | None, _SET]
 Seed = Annotated[int | None, typer.Option("--seed", help="The seed of everything random.", metavar="N")]
 Robot = Annotated[
-    str | None, typer.Option("--robot", help="The arm: ur5e, panda or the path of an MJCF file.", metavar="NAME")
+    str | None, typer.Option("--robot", help="The arm: ur5e, panda, menagerie:NAME or an MJCF file.", metavar="NAME")
 ]
 Hand = Annotated[
     str | None,

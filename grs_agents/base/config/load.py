@@ -12,6 +12,7 @@ from pydantic import ValidationError
 from grs_agents.base.config.schema import ROLE_ALIASES, ROLES, Config, ModelChoice
 from grs_agents.base.errors import ConfigError, InputError, UnknownNameError
 from grs_agents.base.foreign.files import read_text
+from grs_agents.base.menagerie import resolve_menagerie_name
 
 Tree = dict[str, Any]
 ENVIRONMENT_PREFIX = "GRS_"
@@ -52,7 +53,8 @@ def load_config(
         overrides: settings as Python values, nested by key; they win over all others.
 
     Raises:
-        ConfigError: a file that cannot be read, a malformed setting, an unknown key or a value out of bounds.
+        ConfigError: a file that cannot be read, a malformed setting, an unknown key, a value out of bounds, or a robot
+            of Menagerie that cannot be had.
     """
     tree: Tree = Config().model_dump()
     sources = dict.fromkeys(flatten_tree(tree), "default")
@@ -96,6 +98,8 @@ def load_config(
         tree["sandbox"], sources["sandbox"] = "none", UNSAFE
     elif tree["sandbox"] == "none":
         raise ConfigError(f"sandbox = 'none' from {sources['sandbox']}", f"give {UNSAFE} on the command line instead")
+    if isinstance(tree["robot"], str):
+        tree["robot"] = resolve_menagerie_name(tree["robot"])
     return EffectiveConfig(validate_config(tree), sources)
 
 
