@@ -45,7 +45,7 @@ _SAMPLED: Final = 20
 def write_lerobot(demonstrations: Iterable[Demonstration], card: DatasetCard, folder: Path) -> None:
     """Write a data set into an empty folder; its pictures have an even number of rows and columns.
 
-    Each frame has ``observation.state`` (``AGENT_STATE``, of fingers their width last), ``observation.velocity``,
+    Each frame has ``observation.state`` (``AGENT_STATE``), ``observation.velocity``,
     ``observation.environment_state`` (``TASK_STATE``), ``observation.images.<camera>``, ``action``,
     ``executed_action``, ``next.reward``, ``next.done`` and ``next.success``.
     """
@@ -79,7 +79,9 @@ class _Writer:
             return np.concatenate([part.reshape(steps, -1) for part in parts], axis=1)
 
         columns: dict[str, npt.NDArray[Any]] = {
-            "observation.state": join_columns([*AGENT_STATE, *(["gripper"] if self._card.gripper else [])]),
+            "observation.state": join_columns(
+                [name for name in AGENT_STATE if name != "gripper" or self._card.gripper]
+            ),
             "observation.velocity": demonstration.joint_velocities[:-1],
             "observation.environment_state": join_columns(TASK_STATE),
             "action": demonstration.actions,
@@ -178,7 +180,8 @@ def _describe_features(card: DatasetCard) -> dict[str, Any]:
     task = [column for name in objects for column in name_pose(name)]
     task += [column for name in objects for column in name_pose(f"{name}.target")]
     task += [f"{name}.{flag}" for flag in ("held", "open") for name in objects]
-    agent = [*joints, "suction", *name_pose("tip"), *name_pose("commanded_tip"), *(["gripper"] if card.gripper else [])]
+    width = ["gripper"] if card.gripper else []
+    agent = [*joints, *width, "suction", *name_pose("tip"), *name_pose("commanded_tip")]
     features = {
         "observation.state": describe_vector_feature(agent),
         "observation.velocity": describe_vector_feature(joints),

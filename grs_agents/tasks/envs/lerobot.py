@@ -19,8 +19,8 @@ class LeRobotEnv(gymnasium.ObservationWrapper[dict[str, Any], Any, dict[str, Any
     """Observations under the keys that LeRobot renames to those of its data sets.
 
     * ``pixels``: a picture (H, W, 3) uint8 of each camera, by its name.
-    * ``agent_pos`` (dof + 15,): joint positions, suction holding, poses of the tip and of the commanded
-      tip; (dof + 16,) with fingers, whose width is last.
+    * ``agent_pos`` (dof + 15,): joint positions, suction holding, poses of the tip and of the commanded tip; with
+      fingers (dof + 16,), their width after the joints.
     * ``environment_state`` (16 N,): poses of the task's N objects, those of their places, which is held, which open.
     """
 
@@ -44,7 +44,7 @@ class LeRobotEnv(gymnasium.ObservationWrapper[dict[str, Any], Any, dict[str, Any
         return self._to_lerobot_observation(observation)
 
     def _to_lerobot_observation(self, observation: Mapping[str, Any]) -> dict[str, Any]:
-        agent = [*AGENT_STATE, *(["gripper"] if "gripper" in observation else [])]
+        agent = [name for name in AGENT_STATE if name in observation]
         parts = {"agent_pos": agent, "environment_state": TASK_STATE}
         renamed = {key: np.concatenate([observation[name].ravel() for name in names]) for key, names in parts.items()}
         pixels = {camera: observation[f"{camera}_rgb"] for camera in self._cameras}

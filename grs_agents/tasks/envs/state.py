@@ -13,8 +13,8 @@ from grs_agents.tasks.envs.goal_progress import GoalProgress, ShapingState
 from grs_agents.tasks.envs.task_episode import TaskEpisode
 
 Floats = npt.NDArray[np.float32]
-AGENT_STATE: Final = ("joint_positions", "suction", "tip", "commanded_tip")
-"""Parts of LeRobot's ``agent_pos``, which is ``observation.state`` of data sets."""
+AGENT_STATE: Final = ("joint_positions", "gripper", "suction", "tip", "commanded_tip")
+"""Parts of LeRobot's ``agent_pos``, which is ``observation.state`` of data sets; ``gripper`` of fingers alone."""
 TASK_STATE: Final = ("objects", "targets", "held", "open")
 """Parts of LeRobot's ``environment_state``, which is ``observation.environment_state`` of data sets."""
 _FARTHEST: Final = 3.0

@@ -75,8 +75,9 @@ class Layout(Frozen):
             elif source.startswith(CAMERA):
                 renamed[name] = observed[f"{source.removeprefix(CAMERA)}_rgb"]
             else:
-                parts = [np.ravel(known[part.strip()]) for part in source.split("+")]
-                renamed[name] = np.concatenate(parts).astype(np.float32)
+                parts = [part.strip() for part in source.split("+")]
+                if values := [np.ravel(known[part]) for part in parts if part != "gripper" or stroke is not None]:
+                    renamed[name] = np.concatenate(values).astype(np.float32)
         return renamed
 
     def read_actions(self, reply: Any, columns: int) -> npt.NDArray[np.float64]:

@@ -104,9 +104,9 @@ def test_fingers_have_the_keys_of_each_format(
     lerobot, robomimic, minari = (write(kind, finger_blocks, kept_fingers, tmp_path / kind) for kind in FORMATS)
     assert one.gripper is not None
     features = json.loads((lerobot / "meta/info.json").read_text(encoding="utf-8"))["features"]
-    assert features["observation.state"]["names"][-1] == features["action"]["names"][-1] == "gripper"
+    assert features["observation.state"]["names"][-16] == features["action"]["names"][-1] == "gripper"
     frames = import_module("pyarrow.parquet").read_table(lerobot / "data/chunk-000/file-000.parquet").to_pydict()
-    np.testing.assert_array_equal(np.array(frames["observation.state"])[:, -1], one.gripper[:-1, 0])
+    np.testing.assert_array_equal(np.array(frames["observation.state"])[:, -16], one.gripper[:-1, 0])
     with import_module("h5py").File(robomimic / "demos.hdf5") as file:
         np.testing.assert_array_equal(file["data/demo_0/next_obs/robot0_gripper_qpos"], one.gripper[1:])
     data = import_module("minari").MinariDataset(minari / "grs/blocks-v0/data")

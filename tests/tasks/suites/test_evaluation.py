@@ -186,6 +186,17 @@ def test_droid_sees_how_far_the_hand_is_closed() -> None:
     assert [hand(suction=holds) for holds in (0.0, 1.0)] == [[0.0], [1.0]]
 
 
+def test_a_state_with_a_gripper_leaves_it_out_where_the_hand_has_none() -> None:
+    layout = Layout(observation={"state": "joint_positions+gripper+suction", "gripper": "gripper"})
+    state = {"joint_positions": np.array([0.1, 0.2]), "gripper": np.array([0.03]), "suction": np.array([1.0])}
+    fingers = layout.rename_observation(state, "do it", 0.08)
+    np.testing.assert_allclose(fingers["state"], [0.1, 0.2, 0.03, 1.0])
+    del state["gripper"]
+    cup = layout.rename_observation(state, "do it")
+    assert cup.keys() == {"state"}
+    np.testing.assert_allclose(cup["state"], [0.1, 0.2, 1.0])
+
+
 # --- servers
 
 
