@@ -576,6 +576,9 @@ class EditPage:
             for plane in frame.planes
         ] or ["no planes were searched"]
         self._planes.content = escape_lines(f"Robot frame: {frame.origin.replace('_', ' ')}. {frame.note}", *planes)
+        if self._photo_shown:  # else it is seen from where it was in the frame before
+            for client in self._viser.get_clients().values():
+                self._look(client)
 
     def _add_gizmo(self, name: str, scale: float, moved: Callable[[Floats, float, bool], None]) -> Any:
         gizmo = self._viser.scene.add_transform_controls(
