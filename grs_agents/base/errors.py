@@ -23,11 +23,7 @@ class GrsError(Exception):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """The error as it is, for other processes: constructors of subclasses take other arguments."""
-        return _restore_error, (type(self), self.args), self.__dict__
-
-
-def _restore_error(kind: type[GrsError], arguments: tuple[Any, ...]) -> GrsError:
-    return kind.__new__(kind, *arguments)
+        return Exception.__new__, (type(self), *self.args), self.__dict__
 
 
 class InputError(GrsError):
