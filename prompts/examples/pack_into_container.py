@@ -1,8 +1,6 @@
 """Packing: groceries into an open box that stands where the photo shows nothing."""
 
-import numpy as np
-
-from grs_agents.sim import Task, utils
+from grs_agents.sim import Task, inside, utils
 
 
 class PackGroceriesIntoBox(Task):
@@ -22,7 +20,7 @@ class PackGroceriesIntoBox(Task):
         box_size = (0.34, 0.26, 0.08)
         box_pose = ((0.50, -0.15, box_size[2] / 2), (0, 0, 0, 1))
         box = self.fill_template("container/container-template.urdf", {"DIM": box_size, "COLOR": utils.COLORS["brown"]})
-        env.add_object(box, box_pose, "fixed")
+        box_id = env.add_object(box, box_pose, "fixed")
 
         # Items stand where the photo shows them.
         items = [
@@ -32,14 +30,4 @@ class PackGroceriesIntoBox(Task):
         ]
         objects = [env.add_object(urdf, pose) for urdf, pose in items]
 
-        self.add_goal(
-            objs=objects,
-            matches=np.ones((len(objects), 1)),
-            targ_poses=[box_pose],
-            replace=True,
-            rotations=False,
-            metric="zone",
-            params=[(box_pose, box_size)],
-            step_max_reward=1.0,
-            language_goal=self.lang_template,
-        )
+        self.add_goal(inside(objects, box_id), step_max_reward=1.0, language_goal=self.lang_template)
