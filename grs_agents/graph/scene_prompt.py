@@ -58,7 +58,7 @@ def scene_for_prompt(scene: SceneDescription, library: Library, farthest: float 
     ``uneven_top`` unless they are true; the top of a library asset is known by its name. ``cannot_be_picked`` is the
     reason why the robot failed to pick the object, or why no task may use it. What ``floats`` is held in the air; what
     slides or tips off its support, and is held there, cannot be picked.
-    ``fits`` names the objects that the robot can pick of which each alone stands on its floor, were it empty.
+    ``fits`` names the objects outside it that the robot can pick of which each alone stands on its floor, were it empty.
     ``leans``: by how many degrees its nearest axis is off the vertical. ``mass`` (kg) and ``friction`` are those that a
     person set.
     """
@@ -102,8 +102,11 @@ def scene_for_prompt(scene: SceneDescription, library: Library, farthest: float 
             fields["leans"] = lean
         hollow = _hollow_fields_for_prompt(asset, library) if upright else {}
         if "inner_size" in hollow:
+            within = {each.subject for each in scene.relations if (each.kind, each.reference) == ("in", item.name)}
             hollow["fits"] = [
-                other.name for other in scene.objects if _fits_into(other, item, hollow["inner_size"][2], library)
+                other.name
+                for other in scene.objects
+                if other.name not in within and _fits_into(other, item, hollow["inner_size"][2], library)
             ]
         objects.append(fields | hollow)
     by_name = {fields["name"]: fields for fields in objects}
@@ -111,6 +114,7 @@ def scene_for_prompt(scene: SceneDescription, library: Library, farthest: float 
         fields = by_name[relation.subject]
         if relation.kind == "touching":
             fields.setdefault("touching", []).append(relation.reference)
+            by_name[relation.reference].setdefault("touching", []).append(relation.subject)
         else:
             fields[relation.kind] = relation.reference
     workspace = {"x": list(types.X), "y": list(types.Y), "radius": farthest}

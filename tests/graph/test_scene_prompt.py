@@ -129,10 +129,12 @@ def test_a_container_names_the_objects_that_stand_on_its_floor(tmp_path: Path) -
         thing("cookies", "HOPE/Cookies.urdf", 0.4, 0.083),
         thing("milk", "HOPE/Milk.urdf", 0.4, 0.095, pick_trouble="it carries a block"),
         thing("mug", "mug/mug.urdf", 0.4, 0.05, yaw=0.4),
+        thing("within", "block/blue_block.urdf", 0.6, 0.03),
+        relations=({"kind": "in", "subject": "within", "reference": "bowl"},),
     )
     assert found["bowl"]["inner_size"] == pytest.approx([0.12, 0.12, 0.052], abs=0.002)
     assert found["bowl"]["fits"] == ["block", "mug"]
-    assert found["mug"]["fits"] == ["block"]
+    assert found["mug"]["fits"] == ["block", "within"]
 
 
 def test_an_object_that_is_held_on_its_support_does_not_float() -> None:
@@ -157,8 +159,8 @@ def test_relations_are_told_of_their_subject() -> None:
     )
     found = told(*objects, relations=relations)
     assert found["block"]["on"] == "milk"
-    assert found["milk"]["touching"] == ["tuna"]
-    assert "touching" not in found["tuna"]
+    assert found["milk"]["touching"] == ["tuna"] and found["tuna"]["touching"] == ["milk"]
+    assert "touching" not in found["block"]
 
 
 def test_a_thing_stands_where_it_came_to_rest_or_is_held() -> None:
