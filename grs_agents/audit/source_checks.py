@@ -159,7 +159,7 @@ def _find_missing_import(name: str, source: ProgramSource) -> str:
 
 def suggest_nearest_name(name: str, known: Iterable[str]) -> str:
     """A clause with the nearest of the known names; empty if none is near."""
-    near = get_close_matches(name, sorted(set(known) - {name}), n=1, cutoff=0.6)
+    near = get_close_matches(name, sorted(set(known) - {name}), n=1, cutoff=0.65)
     return f"; did you mean {near[0]}" if near else ""
 
 
