@@ -87,11 +87,11 @@ def measure_pictures(run: Path, count: int, renderer: str, target: float) -> lis
     return [pictures, steps]
 
 
-def write_instance(folder: Path) -> Path:
-    """A folder with a single instance: eight cans and a box."""
+def write_instance(folder: Path, **robot: str) -> Path:
+    """A folder with a single instance: eight cans and a box; ``robot`` and ``hand`` replace the shipped UR5e's."""
     (folder / "instances").mkdir()
-    text = instantiate(CansIntoBox(), 0, Library()).model_dump_json()
-    (folder / "instances" / "seed_0.json").write_text(text, encoding="utf-8")
+    instance = instantiate(CansIntoBox(), 0, Library()).model_copy(update=robot)
+    (folder / "instances" / "seed_0.json").write_text(instance.model_dump_json(), encoding="utf-8")
     return folder
 
 

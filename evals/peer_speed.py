@@ -3,21 +3,40 @@
 import json
 import subprocess
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from grs_agents.base import content
 from grs_agents.base.errors import ConfigError
 from grs_agents.envs import GrsEnv
 from grs_agents.runs.metrics import Figure
 
+
+class Peer(NamedTuple):
+    """A task of another package.
+
+    Attributes:
+        venv: folder of the venv that has the package.
+        package: its name in the index.
+        task: its robot and task.
+    """
+
+    venv: str
+    package: str
+    task: str
+
+
+GRS, FINGERS, LIFT = "GRS", "GRS with fingers", "robosuite_lift"
 PEERS = {
-    "fetch": ("gymnasium-robotics", "FetchPickAndPlace-v4"),
-    "panda_gym": ("panda-gym", "PandaPickAndPlace-v3"),
-    "dm_control": ("dm_control", "manipulation, stack_2_bricks_features"),
-    "robosuite": ("robosuite", "PickPlace with a Panda and operational space control"),
+    "fetch": Peer("fetch", "gymnasium-robotics", "FetchPickAndPlace-v4"),
+    "panda_gym": Peer("panda_gym", "panda-gym", "PandaPickAndPlace-v3"),
+    "dm_control": Peer("dm_control", "dm_control", "manipulation, stack_2_bricks_features"),
+    "robosuite": Peer("robosuite", "robosuite", "PickPlace with a Panda and operational space control"),
+    LIFT: Peer("robosuite", "robosuite", "Lift with a Panda and operational space control"),
 }
-"""Peers by the name of their venv: the package to install and the task."""
+BESIDE = {FINGERS: GRS, LIFT: FINGERS}
+"""The rates that a row is divided into, of GRS with its suction cup by default."""
 PROGRAM = """
 import json, sys, time
 import numpy as np
@@ -64,10 +83,11 @@ elif peer == "dm_control":
             env.reset()
     reset, hertz = env.reset, 1 / env.control_timestep()
     picture = lambda: env.physics.render(size, size, camera_id=0)
-elif peer == "robosuite":
+elif peer.startswith("robosuite"):
     import robosuite
+    task = {"robosuite": "PickPlace", "robosuite_lift": "Lift"}[peer]
     arguments = dict(robots="Panda", has_renderer=False, use_camera_obs=False, control_freq=20, ignore_done=True)
-    env = robosuite.make("PickPlace", has_offscreen_renderer=True, **arguments)
+    env = robosuite.make(task, has_offscreen_renderer=True, **arguments)
     low, high = env.action_spec
     rng = np.random.default_rng(0)
     env.reset()
@@ -85,12 +105,12 @@ print(json.dumps(found))
 """Measures a peer in its own Python: steps at a control rate, steps with a picture, resets."""
 
 
-def measure_grs(steps: int, size: int) -> dict[str, float]:
-    """Steps, steps with a picture, and resets of GRS per CPU second, at 25 Hz."""
+def measure_grs(steps: int, size: int, **robot: str) -> dict[str, float]:
+    """Steps, steps with a picture, and resets of GRS per CPU second, at 25 Hz; ``robot`` and ``hand`` by name."""
     timing = content.load_module("evals", "env_speed")
     rate, stepping = timing.rate, timing.stepping
     with tempfile.TemporaryDirectory() as folder:
-        run = timing.write_instance(Path(folder))
+        run = timing.write_instance(Path(folder), **robot)
         env = GrsEnv(run, control="ee_delta")
         rates = {"hertz": 25.0, "steps": rate(stepping(env), steps)}
         rates["resets"] = rate(lambda: env.reset(seed=0), max(steps // 10, 3))
@@ -110,23 +130,29 @@ def measure_peer(peer: str, python: str, steps: int, size: int) -> dict[str, flo
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         last = (done.stderr.strip().splitlines() or [f"exit status {done.returncode}"])[-1]
-        raise ConfigError(f"{peer} does not run with {python}: {last}", f"pip install {PEERS[peer][0]} there")
+        raise ConfigError(f"{peer} does not run with {python}: {last}", f"pip install {PEERS[peer].package} there")
     rates: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
     return rates
 
 
-def figures_of(name: str, rates: dict[str, float], reference: dict[str, float] | None) -> list[Figure]:
+def figures_of(measured: Mapping[str, Mapping[str, float]]) -> list[Figure]:
     """Rates in simulated time, so that control rates compare: steps per CPU second over the control rate."""
     rows: list[Figure] = []
-    for kind in ("steps", "pictures", "resets"):
-        if kind not in rates:
-            continue
-        value = rates[kind] if kind == "resets" else rates[kind] / rates["hertz"]
-        unit = "per CPU s" if kind == "resets" else "simulated s per CPU s"
-        rows.append(Figure(name=f"{name}: {kind}", value=value, unit=unit, smaller_is_better=False))
-        if reference is not None and kind in reference:
-            base = reference[kind] if kind == "resets" else reference[kind] / reference["hertz"]
-            rows.append(Figure(name=f"GRS over {name}: {kind}", value=base / value, unit="times"))
+    for name, rates in measured.items():
+        base = BESIDE.get(name, GRS)
+        for kind in (kind for kind in ("steps", "pictures", "resets") if kind in rates):
+            unit = "per CPU s" if kind == "resets" else "simulated s per CPU s"
+            value, reference = (
+                of[kind] if kind == "resets" else of[kind] / of["hertz"] for of in (rates, measured[base])
+            )
+            rows.append(Figure(name=f"{name}: {kind}", value=value, unit=unit, smaller_is_better=False))
+            if name != GRS:
+                target = {FINGERS: 2.0, LIFT: 5.0}.get(name) if kind == "steps" else None
+                ratio = f"{base} over {name}: {kind}"
+                upper = name == FINGERS
+                rows.append(
+                    Figure(name=ratio, value=reference / value, target=target, unit="times", smaller_is_better=upper)
+                )
     return rows
 
 
@@ -140,17 +166,17 @@ def main(arguments: Sequence[str]) -> int:
     from grs_agents.runs.experiments import positive_int
 
     parser = ExperimentParser("peer_speed", __doc__)
-    parser.add_argument("--venvs", type=Path, metavar="DIR", help=f"holds a venv each for any of {', '.join(PEERS)}")
+    folders = ", ".join(sorted({peer.venv for peer in PEERS.values()}))
+    parser.add_argument("--venvs", type=Path, metavar="DIR", help=f"holds a venv each for any of {folders}")
     parser.add_argument("--steps", type=positive_int, default=500, help="steps of each timing")
     parser.add_argument("--size", type=positive_int, default=128, help="pixels across a square picture")
     experiment = parser.start(arguments)
     options = experiment.options
-    if options.venvs is not None and not options.venvs.is_dir():
-        raise ConfigError(f"--venvs {options.venvs} is no folder", "make a venv in it for each peer, named after it")
-    pythons = {name: options.venvs / name / "bin" / "python" for name in PEERS} if options.venvs else {}
-    peers = {name: str(python) for name, python in pythons.items() if python.exists()}
-    grs = measure_grs(options.steps, options.size)
-    figures = figures_of("GRS", grs, None)
-    for name, python in peers.items():
-        figures += figures_of(name, measure_peer(name, python, options.steps, options.size), grs)
-    return experiment.tell_figures("environment speed beside peers", figures)
+    steps, size, venvs = int(options.steps), int(options.size), Path(options.venvs) if options.venvs else None
+    if venvs is not None and not venvs.is_dir():
+        raise ConfigError(f"--venvs {venvs} is no folder", "make a venv in it for each peer, named as --help says")
+    measured = {GRS: measure_grs(steps, size), FINGERS: measure_grs(steps, size, robot="panda", hand="franka_hand")}
+    for name, peer in PEERS.items():
+        if venvs is not None and (python := venvs / peer.venv / "bin" / "python").exists():
+            measured[name] = measure_peer(name, str(python), steps, size)
+    return experiment.tell_figures("environment speed beside peers", figures_of(measured))

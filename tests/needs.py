@@ -150,6 +150,7 @@ NEEDS = {
         for package in ("pyarrow", "av", "h5py", "huggingface_hub")
     },
     "mujoco_menagerie": _package("mujoco_menagerie", 'pip install "grs-agents[robots]"'),
+    "mujoco_warp": _package("mujoco_warp", 'pip install "grs-agents[warp]"'),
     "DracoPy": _package("DracoPy", 'pip install "grs-agents[assets]"'),
     "gymnasium": _package("gymnasium", 'pip install "grs-agents[gym]"'),
     "minari": _package("minari", 'pip install "grs-agents[minari]"'),

@@ -101,6 +101,7 @@ RunFolder = Annotated[
     ),
 ]
 _PORTABLE = "For MuJoCo 3.3 and dm_control too: suction by an adhesion actuator, no sleep."
+_WARP = "For MuJoCo Warp: portable, with a sparse Jacobian."
 _FOLDER = "A new or empty folder, or an earlier export; beside the run by default."
 _EPISODE = "Of an evaluation: a name of motions/ without .npz; with --suite."
 Episode = Annotated[str | None, typer.Option("--episode", help=_EPISODE, metavar="NAME")]
@@ -625,6 +626,7 @@ def export(
     run: TaskFolder,
     to: Annotated[Literal["mjcf"], typer.Option("--format", help="What to write.")] = "mjcf",
     portable: Annotated[bool, typer.Option("--portable", help=_PORTABLE)] = False,
+    warp: Annotated[bool, typer.Option("--warp", help=_WARP)] = False,
     seed: InstanceSeed = None,
     out: Annotated[Path | None, typer.Option("--out", help=_FOLDER, metavar="DIR")] = None,
     json: Json = False,
@@ -633,7 +635,7 @@ def export(
     from grs_agents.cli.export import export_task
 
     assert to == "mjcf"  # the only format so far
-    export_task(run, seed, portable, out, json)
+    export_task(run, seed, portable, warp, out, json)
 
 
 @app.command(rich_help_panel="Extend")

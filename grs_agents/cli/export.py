@@ -8,18 +8,20 @@ from grs_agents.tasks.export.mjcf_folder import export_mjcf
 from grs_agents.tasks.task_folder import open_task_folder
 
 
-def export_task(run: Path, seed: int | None, portable: bool, out: Path | None, as_json: bool) -> None:
+def export_task(run: Path, seed: int | None, portable: bool, warp: bool, out: Path | None, as_json: bool) -> None:
     """Write a task instance as a folder for MuJoCo, by default beside the run, and print its path."""
     task = open_task_folder(run)
     beside = run.resolve()
-    out = out.absolute() if out else beside.with_name(f"{beside.name}-mjcf{'-portable' if portable else ''}")
-    export = export_mjcf(task, out, seed, portable)
+    form = "-warp" if warp else "-portable" if portable else ""
+    out = out.absolute() if out else beside.with_name(f"{beside.name}-mjcf{form}")
+    export = export_mjcf(task, out, seed, portable, warp)
     if as_json:
         value = {
             "folder": str(export.folder),
             "scene": str(export.scene),
             "seed": export.seed,
             "portable": export.portable,
+            "warp": export.warp,
             "instance_hash": export.instance_hash,
             "files": export.files,
             "bytes": export.size,

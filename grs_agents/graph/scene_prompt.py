@@ -58,7 +58,8 @@ def scene_for_prompt(scene: SceneDescription, library: Library, farthest: float 
     ``uneven_top`` unless they are true; the top of a library asset is known by its name. ``cannot_be_picked`` is the
     reason why the robot failed to pick the object, or why no task may use it. What ``floats`` is held in the air; what
     slides or tips off its support, and is held there, cannot be picked.
-    ``fits`` names the objects outside it that the robot can pick of which each alone stands on its floor, were it empty.
+    ``fits`` names the objects outside it that the robot can pick of which each alone stands on its floor, were it
+    empty.
     ``leans``: by how many degrees its nearest axis is off the vertical. ``mass`` (kg) and ``friction`` are those that a
     person set.
     """

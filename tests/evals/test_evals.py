@@ -106,3 +106,20 @@ def test_an_experiment_of_ones_own_may_have_any_name(monkeypatch: pytest.MonkeyP
     (tmp_path / "evals" / "perception.py").write_text('"""Of my own."""\n')
     monkeypatch.setattr(content, "content_root", lambda: tmp_path)
     assert load_experiment("perception").__doc__ == "Of my own."
+
+
+def test_rates_of_peers_stand_beside_the_hand_that_is_like_theirs() -> None:
+    rates = {"hertz": 25.0, "steps": 2500.0, "resets": 10.0}
+    measured = {
+        "GRS": rates,
+        "GRS with fingers": {**rates, "steps": 1000.0},
+        "fetch": {**rates, "steps": 500.0},
+        "robosuite_lift": {"hertz": 20.0, "steps": 200.0, "resets": 2.0},
+    }
+    rows = {row.name: row for row in content.load_module("evals", "peer_speed").figures_of(measured)}
+    fingers = rows["GRS over GRS with fingers: steps"]
+    assert fingers.value == pytest.approx(2.5) and fingers.is_target_met is False
+    lift = rows["GRS with fingers over robosuite_lift: steps"]
+    assert lift.value == pytest.approx(4.0) and lift.is_target_met is False
+    assert rows["GRS over fetch: steps"].value == pytest.approx(5.0)
+    assert rows["GRS with fingers over robosuite_lift: resets"].value == pytest.approx(5.0)

@@ -33,10 +33,9 @@ def imported_names(tree: ast.Module) -> list[tuple[str, str]]:
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
-def test_a_script_fits_a_screen_and_names_what_there_is(script: Path) -> None:
+def test_a_script_names_what_there_is(script: Path) -> None:
     text = script.read_text(encoding="utf-8")
     tree = ast.parse(text)
-    assert sum(bool(line.strip()) for line in text.splitlines()) <= 60
     for module, name in imported_names(tree):
         assert hasattr(importlib.import_module(module), name), f"{module}.{name}"
     known = set(inspect.signature(GrsEnv).parameters) | {"n_envs", "use_async_envs", "cfg"}

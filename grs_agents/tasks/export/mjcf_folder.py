@@ -35,6 +35,7 @@ class MjcfFolder:
     folder: Path
     seed: int
     portable: bool
+    warp: bool
     instance_hash: str
     files: int
     size: int  # of all files, bytes
@@ -45,7 +46,9 @@ class MjcfFolder:
         return self.folder / SCENE
 
 
-def export_mjcf(task: TaskFolder, out: Path, seed: int | None = None, portable: bool = False) -> MjcfFolder:
+def export_mjcf(
+    task: TaskFolder, out: Path, seed: int | None = None, portable: bool = False, warp: bool = False
+) -> MjcfFolder:
     """Write the scene of a task instance to a folder of its own.
 
     Args:
@@ -53,6 +56,7 @@ def export_mjcf(task: TaskFolder, out: Path, seed: int | None = None, portable: 
         out: a new or empty folder, or an earlier export, which is replaced.
         seed: of the instance, None for the first.
         portable: for MuJoCo 3.3 and dm_control too, see `build_mjcf_scene`.
+        warp: for MuJoCo Warp too.
 
     Raises:
         UnknownNameError: there is no instance of that seed.
@@ -61,7 +65,7 @@ def export_mjcf(task: TaskFolder, out: Path, seed: int | None = None, portable: 
     """
     _check_output_folder(out)
     instance = task.read_instance(task.seeds[0] if seed is None else seed)
-    scene = build_mjcf_scene(instance, task.library, portable)
+    scene = build_mjcf_scene(instance, task.library, portable, warp)
     scene.spec.add_text(name=_MARK, data=hash_instance(instance))
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
@@ -76,7 +80,7 @@ def export_mjcf(task: TaskFolder, out: Path, seed: int | None = None, portable: 
             draft.rename(out)
     except OSError as error:
         raise unwritable_error(out, error) from error
-    return MjcfFolder(out, instance.seed, portable, hash_instance(instance), len(files), size)
+    return MjcfFolder(out, instance.seed, scene.portable, warp, hash_instance(instance), len(files), size)
 
 
 def _check_output_folder(out: Path) -> None:

@@ -1,6 +1,7 @@
 """A task instance as a MuJoCo spec for export: settled start, goals as sites, the photo's camera, suction."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -46,6 +47,7 @@ class MjcfScene:
     instance: TaskInstance
     world: WorldSpec
     portable: bool
+    warp: bool
     sites: tuple[GoalSite, ...]
 
     @property
@@ -54,13 +56,14 @@ class MjcfScene:
         return self.world.spec
 
 
-def build_mjcf_scene(instance: TaskInstance, library: Library, portable: bool) -> MjcfScene:
+def build_mjcf_scene(instance: TaskInstance, library: Library, portable: bool, warp: bool = False) -> MjcfScene:
     """The scene of an instance.
 
     Args:
         instance: the instance.
         library: has its assets.
         portable: for MuJoCo 3.3 too: without sleep, and with an adhesion actuator instead of the suction welds.
+        warp: for MuJoCo Warp too: portable, with a sparse Jacobian.
 
     Raises:
         SimulationError: the scene cannot be set up, or does not come to rest.
@@ -72,8 +75,10 @@ def build_mjcf_scene(instance: TaskInstance, library: Library, portable: bool) -
             continue
         low, high = (float(bound) for bound in world.spec.joint(actuator.target).range)
         actuator.ctrlrange, actuator.ctrllimited = (low - _BEYOND, high + _BEYOND), True
-    if portable:
+    if portable or warp:
         _adapt_spec_to_mujoco_3_3(world)
+    if warp:  # which refuses a dense one above 60 degrees of freedom
+        world.spec.option.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
     sites = _add_goal_sites(instance, world)
     if instance.camera is not None:
         position, rotation = instance.camera.pose
@@ -103,7 +108,7 @@ def build_mjcf_scene(instance: TaskInstance, library: Library, portable: bool) -
     start = world.spec.add_key(name="start")
     start.qpos, start.qvel = np.concatenate([home, *places]), np.concatenate([np.zeros(free), *speeds])
     start.ctrl = np.concatenate([home, np.zeros(len(list(world.spec.actuators)) - free)])
-    return MjcfScene(instance, world, portable, sites)
+    return MjcfScene(instance, world, portable or warp, warp, sites)
 
 
 def _adapt_spec_to_mujoco_3_3(world: WorldSpec) -> None:
@@ -171,7 +176,21 @@ def _add_goal_sites(instance: TaskInstance, world: WorldSpec) -> tuple[GoalSite,
         _add_site(world.spec.body(f"object_{number}"), name, (center, (0.0, 0.0, 0.0, 1.0)), half, _RELATION)
         shows = f"the place {kind} object_{number}" if kind != "stacked" else "the top of the lowest"
         sites.append(GoalSite(name, index, shows))
+    _add_goal_tuples(instance, world.spec, sites)
     return tuple(sites)
+
+
+def _add_goal_tuples(instance: TaskInstance, spec: Any, sites: Sequence[GoalSite]) -> None:
+    """Add a tuple for each object that a goal places: its body and the sites of the places that the goal allows it."""
+    for index, goal in enumerate(instance.goals):
+        for row, number in enumerate(goal.objects):
+            barred = {f"goal_{index}_target_{k}" for k, match in enumerate(goal.matches[row]) if not match}
+            names = [site.name for site in sites if site.goal == index and site.name not in barred]
+            if names and not (goal.relation_kind == "stacked" and row == 0):  # the lowest stays where it is
+                kinds = [mujoco.mjtObj.mjOBJ_BODY, *[mujoco.mjtObj.mjOBJ_SITE] * len(names)]
+                places = spec.add_tuple(name=f"goal_{index}_places_{row}")
+                places.objtype, places.objname = kinds, [f"object_{number}", *names]
+                places.objprm = [0.0] * len(kinds)
 
 
 def _add_site(body: Any, name: str, pose: Pose, half: Vec3, rgba: tuple[float, ...]) -> None:

@@ -217,6 +217,9 @@ def test_the_command_writes_beside_the_run_and_says_what(tmp_path: Path) -> None
     assert readme.startswith("# tidy \\<b\\>up\\</b\\>\n\nPut all things away.\n")
     for said in ("suction", "dm_control", value["instance_hash"], "shipped with GRS", "grs-agents 0.1.0"):
         assert said in readme
+    many = json.loads(grs("export", "run", "--warp", "--json", folder=tmp_path).stdout)
+    assert Path(many["scene"]) == tmp_path / "run-mjcf-warp" / "scene.xml" and many["warp"] and many["portable"]
+    assert "mujoco_warp.put_model" in Path(many["folder"], "README.md").read_text("utf-8") and not value["warp"]
     assert grs("export", "run", "--seed", "7", folder=tmp_path).returncode == UnknownNameError.exit_status
 
 
