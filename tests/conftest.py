@@ -99,6 +99,7 @@ def _lent_readers(_cache: None) -> Iterator[None]:
             "library.importing.item_worker",
             "perception.reading.foreign_scene",
             "sim.arms.arm_files",
+            "sim.arms.urdf_arm",
             "views.common.foreign_decoding",
         ):
             patch.setattr(f"grs_agents.{module}.ForeignReader", LentReader)

@@ -151,6 +151,7 @@ NEEDS = {
     },
     "mujoco_menagerie": _package("mujoco_menagerie", 'pip install "grs-agents[robots]"'),
     "mujoco_warp": _package("mujoco_warp", 'pip install "grs-agents[warp]"'),
+    "collada": _package("collada", 'pip install "grs-agents[assets]"'),
     "DracoPy": _package("DracoPy", 'pip install "grs-agents[assets]"'),
     "gymnasium": _package("gymnasium", 'pip install "grs-agents[gym]"'),
     "minari": _package("minari", 'pip install "grs-agents[minari]"'),

@@ -28,7 +28,8 @@ _SET = typer.Option(
 Settings = Annotated[list[str] | None, _SET]
 Seed = Annotated[int | None, typer.Option("--seed", help="The seed of everything random.", metavar="N")]
 Robot = Annotated[
-    str | None, typer.Option("--robot", help="The arm: ur5e, panda, menagerie:NAME or an MJCF file.", metavar="NAME")
+    str | None,
+    typer.Option("--robot", help="The arm: ur5e, panda, menagerie:NAME or an MJCF or URDF file.", metavar="NAME"),
 ]
 Hand = Annotated[
     str | None,
@@ -102,7 +103,7 @@ Episodes = Annotated[int, typer.Option("--episodes", help="How many are wanted."
 Cameras = Annotated[str, typer.Option("--camera", help="Whose pictures: photo, front, wrist.", metavar="NAME,NAME")]
 _OUT = "The folder; <run>-instances beside the run, for other robots <run>-robots."
 InstancesOut = Annotated[Path | None, typer.Option("--out", help=_OUT, metavar="DIR")]
-_ROBOTS = "An arm instead of the run's: ur5e, panda or the path of an MJCF file. Repeatable."
+_ROBOTS = "An arm instead of the run's: ur5e, panda or the path of an MJCF or URDF file. Repeatable."
 OtherRobots = Annotated[list[str] | None, typer.Option("--robot", help=_ROBOTS, metavar="NAME")]
 _HANDS = "A hand instead of the run's: suction, franka_hand or robotiq_2f85. Repeatable."
 OtherHands = Annotated[list[str] | None, typer.Option("--hand", help=_HANDS, metavar="NAME")]

@@ -708,7 +708,7 @@ def edit_scene(state: RunState, services: Services) -> Update:
     corrected = settle_edited_scene(scene, services) if edits.edits else before
     named = save_corrected_scene(corrected, scene, edits, services)
     if edits.edits:  # without, a person may be about to edit it
-        require_movable_object(corrected)
+        require_movable_object(corrected, services.arm)
     return {"scene": corrected, "image": named if state["image"] else "", "camera": state["camera"]}
 
 

@@ -62,6 +62,7 @@ from grs_agents.perception.types import (
     SceneDescription,
     TableFrame,
 )
+from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.world.compilation import compute_arm_spheres_at_home
 
 NAMED_OBJECTS = 3
@@ -132,7 +133,7 @@ def read_photo_into_run(state: RunState, services: Services) -> Update:
             log_edits(scene, services)
         image = scene.image if find_member_file(services.folder, NAMED) is None else NAMED
         if "edits" not in state:
-            require_movable_object(scene)
+            require_movable_object(scene, services.arm)
         return {"scene": scene, "image": image}
 
     def estimate_depth(rgb: Image, focal: float | None, photo: str) -> DepthEstimate:
@@ -385,7 +386,7 @@ def settle_objects(state: RunState, services: Services) -> Update:
     files |= {} if coverage is None else {"coverage": coverage.picture}
     services.log.append(SceneStage(stage="matched", summary=dict(scene), files=files))
     if "edits" not in state:
-        require_movable_object(scene)
+        require_movable_object(scene, services.arm)
     named = draw_object_names(photo, {item.name: masks[item.id] for item in scene.objects}, folder)
     return {"scene": scene, "image": named}
 
@@ -413,7 +414,7 @@ def prepare_scene_for_tasks_with_warnings(scene: SceneDescription, services: Ser
     return scene.model_copy(update={"warnings": (*scene.warnings, *warnings)})
 
 
-def require_movable_object(scene: SceneDescription) -> None:
+def require_movable_object(scene: SceneDescription, arm: Arm) -> None:
     """Raises InputError if the arm can reach, pick and move no object of the scene: no task can be set there."""
     movable = [item for item in scene.objects if item.reachable and not item.held]
     if any(not item.pick_trouble for item in movable):
@@ -421,7 +422,8 @@ def require_movable_object(scene: SceneDescription) -> None:
     if movable:
         reasons = [f"{item.name}: {item.pick_trouble}" for item in movable[:NAMED_OBJECTS]]
         raise InputError(
-            f"{scene.source}: the robot can pick none of {len(scene.objects)} objects: {'; '.join(reasons)}",
+            f"{scene.source}: the robot can pick none of {len(scene.objects)} objects: {'; '.join(reasons)}; "
+            f"it reaches {arm.describe_reach()}",
             "choose another robot or hand, or put objects there that it reaches and holds",
         )
     reasons = [

@@ -24,6 +24,7 @@ from grs_agents.library.library import Library
 from grs_agents.perception.picture_files import load_frame
 from grs_agents.perception.types import FARTHEST, RGBDFrame, TableFrame
 from grs_agents.sandbox.host.sandbox import Sandbox
+from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.arm_files import ROBOT_FOLDER, copy_arm_files
 from grs_agents.sim.arms.registry import ROBOTS, get_arm
 from grs_agents.sim.instance.task_instance import TaskInstance
@@ -119,7 +120,12 @@ class Services:
         """Radius of the workspace in prompts, metres: less for a user's arm that reaches less far."""
         if self.robot_name_or_path in ROBOTS:
             return FARTHEST
-        return min(FARTHEST, round(get_arm(self.robot_name_or_path, self.config.hand).farthest, 3))
+        return min(FARTHEST, round(self.arm.farthest, 3))
+
+    @property
+    def arm(self) -> Arm:
+        """The robot with its hand."""
+        return get_arm(self.robot_name_or_path, self.config.hand)
 
     @property
     def library_root_fields(self) -> dict[str, Any]:
@@ -130,10 +136,12 @@ class Services:
         """Refuse a robot that cannot be used before anything is spent on the run."""
         if self.robot_name_or_path not in ROBOTS:
             try:
-                get_arm(self.robot_name_or_path, self.config.hand)
+                _ = self.arm
             except InputError:
                 get_arm(str(Path(self.config.robot).resolve()), self.config.hand)  # which names the user's own file
                 raise
+            robot = (self.robot_name_or_path, self.config.hand)
+            self.sandbox.preload("grs_agents.sim.arms.registry:prepare_arm", robot, [Path(robot[0]).parent])
 
     def render_instance(self, instance: TaskInstance, output: Path, **view: Any) -> Any:
         """Draw a task instance into the picture ``output``.

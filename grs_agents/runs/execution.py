@@ -209,8 +209,7 @@ def _convert_to_grs_error(error: Exception | KeyboardInterrupt, folder: Path, gr
 
 def _describe_robot_file(robot: str, hand: str) -> list[str]:
     arm = get_arm(robot, hand)
-    reach = f"{arm.nearest:.2f} to {arm.farthest:.2f} m from its base" if arm.farthest else "nothing"
-    lines = [f"arm: {arm.dof} joints, reaches {reach}, with the tool down"]
+    lines = [f"arm: {arm.dof} joints, reaches {arm.describe_reach()}"]
     try:
         return [*lines, str(recognise_own_hand(Path(robot)))]
     except InputError as error:

@@ -84,7 +84,7 @@ class TabletopSim:
         library: 3D assets.
         seed: of ``rng``, which places objects at random; None for the context's.
         budget: simulated steps allowed.
-        robot: ``"ur5e"``, ``"panda"`` or the path of an MJCF file; None for the context's.
+        robot: ``"ur5e"``, ``"panda"`` or the path of an MJCF or URDF file; None for the context's.
         hand: ``"suction"``, ``"franka_hand"`` or ``"robotiq_2f85"``; None for the context's.
         context: settings and bystanders of every scene; None for an empty table.
     """

@@ -16,6 +16,7 @@ from grs_agents.graph.state import RunState
 from grs_agents.library.library import Library
 from grs_agents.perception.types import SceneDescription
 from grs_agents.sim import TaskInstance
+from grs_agents.sim.arms.registry import get_arm
 from tests.graph.conftest import SIMULATION, TESTS, Make, block, kinds, run, with_
 
 GREEN = "block/green_block.urdf"
@@ -44,16 +45,17 @@ def instance_in(services: Services) -> TaskInstance:
 
 
 def test_a_scene_is_refused_only_if_no_object_can_be_reached_and_moved(state: RunState) -> None:
-    scene = scene_of(state, moved(4, 0.9, 0.0, reachable=False))
-    require_movable_object(scene)
+    scene, arm = scene_of(state, moved(4, 0.9, 0.0, reachable=False)), get_arm("ur5e")
+    require_movable_object(scene, arm)
     stuck = [{"reachable": False}, {"held": True}, {"reachable": False, "stands_in_robot": True}]
     fixed = [item.model_copy(update=change) for item, change in zip(scene.objects, stuck, strict=False)]
     with pytest.raises(InputError, match=r"move none of 3 objects: .* out of reach, .* would fall, .* in the robot"):
-        require_movable_object(scene.model_copy(update={"objects": tuple(fixed)}))
+        require_movable_object(scene.model_copy(update={"objects": tuple(fixed)}), arm)
     heavy = [item.model_copy(update={"pick_trouble": "it weighs 4 kg"}) for item in scene.objects]
-    require_movable_object(scene.model_copy(update={"objects": (scene.objects[0], *heavy[1:])}))
-    with pytest.raises(InputError, match=f"can pick none of {len(heavy)} objects: {heavy[0].name}: it weighs 4 kg; "):
-        require_movable_object(scene.model_copy(update={"objects": tuple(heavy)}))
+    require_movable_object(scene.model_copy(update={"objects": (scene.objects[0], *heavy[1:])}), arm)
+    words = rf"can pick none of {len(heavy)} objects: {heavy[0].name}: it weighs 4 kg; .* 0\.85 m from its base, up to"
+    with pytest.raises(InputError, match=words):
+        require_movable_object(scene.model_copy(update={"objects": tuple(heavy)}), arm)
 
 
 def test_photo_objects_stand_where_they_came_to_rest(state: RunState) -> None:

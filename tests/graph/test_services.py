@@ -1,6 +1,7 @@
 """What the nodes work with."""
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from grs_agents.base.config.schema import Config
 from grs_agents.graph.services import Services
 from grs_agents.perception.proxies.proxy import primitive_proxy, write_proxy
+from tests.gantry import GANTRY
 
 GRAY = (0.5, 0.5, 0.5)
 
@@ -17,6 +19,16 @@ def services(tmp_path: Path) -> Services:
     """The services of a run that asks no model and runs no code."""
     nothing = cast(Any, None)
     return Services(Config(), log=nothing, agents=nothing, policy=nothing, sandbox=nothing, folder=tmp_path)
+
+
+def test_the_arm_of_a_user_is_loaded_ahead_of_the_calls(tmp_path: Path) -> None:
+    (tmp_path / "arm.xml").write_text(GANTRY)
+    preloads: list[tuple[Any, ...]] = []
+    sandbox, nothing = SimpleNamespace(preload=lambda *call: preloads.append(call)), cast(Any, None)
+    config = Config(robot=str(tmp_path / "arm.xml"))
+    Services(config, log=nothing, agents=nothing, policy=nothing, sandbox=cast(Any, sandbox), folder=tmp_path / "run")
+    copy = tmp_path / "run/robot/arm.xml"
+    assert preloads == [("grs_agents.sim.arms.registry:prepare_arm", (str(copy), "suction"), [copy.parent])]
 
 
 def test_the_library_is_read_once(services: Services) -> None:

@@ -297,7 +297,7 @@ class Config(Frozen):
     policy: Annotated[str, Portable()] = "llm"
     # the seed of everything random, the offline model's choices included
     seed: Annotated[int, Portable()] = Field(default=0, ge=0, lt=2**31)
-    # the arm behind the table: `ur5e`, `panda`, `menagerie:NAME` or the path of an MJCF file (`.xml`)
+    # the arm behind the table: `ur5e`, `panda`, `menagerie:NAME` or the path of an MJCF (`.xml`) or URDF file
     robot: Annotated[str, Portable()] = Field(default="ur5e", max_length=4096)
     # the hand at its flange: `suction`, `franka_hand`, `robotiq_2f85`, or `own`, of the robot's file, and then the
     # default; pushing takes a spatula in place of any
@@ -371,8 +371,9 @@ class Config(Frozen):
     @field_validator("robot")
     @classmethod
     def _validate_robot(cls, robot: str) -> str:
-        if robot in ("ur5e", "panda") or robot.endswith((".xml", ".mjcf")):
+        if robot in ("ur5e", "panda") or robot.endswith((".xml", ".mjcf", ".urdf")):
             return robot
         raise ValueError(
-            f"there is no arm {robot!r}; use ur5e, panda, menagerie:NAME or the path of an MJCF file (.xml, .mjcf)"
+            f"there is no arm {robot!r}; use ur5e, panda, menagerie:NAME or the path of an MJCF or URDF file (.xml, "
+            ".mjcf, .urdf)"
         )

@@ -4,6 +4,7 @@ import faulthandler
 import fcntl
 import gc
 import importlib
+import json
 import math
 import os
 import signal
@@ -42,10 +43,11 @@ _PROMISED = ("landlock", "no capabilities", "seccomp")
 def warm_up(settings: Settings) -> None:
     """Import the modules of the settings ahead of any order, and do the work that all children share."""
     for name in settings.preload:
-        module, _, function = name.partition(":")
+        module, _, call = name.partition(":")
+        function, _, arguments = call.partition(":")
         loaded = importlib.import_module(module)
         if function:
-            getattr(loaded, function)()
+            getattr(loaded, function)(*json.loads(arguments or "[]"))
     for folder in settings.overlays:
         content.add_overlay_folder(folder)
     content.installed_content_folders()  # kept: it reads the entry points of every installed package

@@ -1,5 +1,6 @@
 """The host's door: call a tool in a worker and get a value back, whatever the code in it does."""
 
+import json
 import queue
 import threading
 import weakref
@@ -86,6 +87,17 @@ class Sandbox:
             if self._zygote is None:
                 self._add_readable(readable)
                 self._zygote = self._launch_zygote()
+
+    def preload(self, function: str, arguments: Sequence[str], readable: Sequence[Path] = ()) -> None:
+        """Call ``function`` (``module:function``) once for the calls from now on, with these arguments in place of
+        earlier ones; it and they may read ``readable``."""
+        entry = f"{function}:{json.dumps(arguments)}"
+        with self._lock:
+            if entry not in self._spec.preload:
+                others = [each for each in self._spec.preload if not each.startswith(f"{function}:")]
+                self._spec = replace(self._spec, preload=(*others, entry))
+                self._add_readable(readable)
+                self._discard_zygote()
 
     def call(
         self, tool: str, request: dict[str, Any], limits: Limits | None = None, readable: Sequence[Path] = ()

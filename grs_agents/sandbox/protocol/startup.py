@@ -24,7 +24,8 @@ ENVIRONMENT = {
 class Settings(Frozen):
     """Settings of a zygote."""
 
-    preload: tuple[str, ...] = ()  # modules to import before the first call; "module:function" is called too
+    preload: tuple[str, ...] = ()  # modules to import before the first call; "module:function" is called too,
+    # with the JSON list of "module:function:arguments"
     overlays: tuple[Path, ...] = ()  # content folders of the user, laid over the shipped content from the start
     tools: tuple[str, ...] = ()  # tool files to import before the first call
     layers: bool = True  # children harden themselves with Landlock, seccomp and without privileges

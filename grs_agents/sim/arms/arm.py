@@ -7,7 +7,6 @@ closed-form kinematics overrides ``solve_ik_tool_down``, ``solve_ik_for_poses`` 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
 from typing import Any, Final
 
 import numpy as np
@@ -45,6 +44,11 @@ class ReachTable:
         """Least and greatest radius served at any bearing and height, metres."""
         radii = _RADII[self.served.any(axis=(0, 2))]
         return (float(radii.min()), float(radii.max())) if len(radii) else (0.0, 0.0)
+
+    @property
+    def greatest_height(self) -> float:
+        """Greatest height served at any bearing and radius, metres."""
+        return float(_HEIGHTS[self.served.any(axis=(0, 1))].max(initial=0.0))
 
     def __call__(self, tips: FloatArray) -> npt.NDArray[np.bool_]:
         """Mask of the points (N, 3) in a cell whose corners are all served."""
@@ -109,6 +113,8 @@ _HOMES: Final = (
 )
 _FEW_GUESSES: Final = 8
 """Starts of the search for a home that are tried at every point before the others, which take seconds in vain."""
+_CENTRAL: Final = 0.4
+"""Greatest distance of a joint from the middle of its range, as a part of it, that ends the search without a guess."""
 _NEAR: Final = 0.2
 
 
@@ -117,7 +123,8 @@ class Arm:
 
     ``add`` adds its bodies, joints (from the base on), a position actuator per joint, and the hand, with its moving
     parts or without, to a spec; ``add_dressed`` adds the same with the visual geoms of a file. Solutions are sought
-    near the joint positions ``guess`` (dof,).
+    near the joint positions ``guess`` (dof,); with None the arm waits where its joints are near the middle of their
+    limits.
     """
 
     nearest: float  # reach of the tip from the base axis, tool down, metres; for messages only
@@ -131,7 +138,7 @@ class Arm:
         self,
         name: str,
         add: Callable[[Any, bool], None],
-        guess: FloatArray,
+        guess: FloatArray | None,
         hand: Hand,
         add_dressed: Callable[[Any, bool], None] | None = None,
     ) -> None:
@@ -141,6 +148,15 @@ class Arm:
     def add(self, spec: Any, dressed: bool = False) -> None:
         """Add the robot to a spec, ``dressed`` with the visual geoms of its file."""
         (self._add_dressed if dressed else self._add)(spec, True)
+
+    def describe_reach(self) -> str:
+        """Reach of the tip with the tool down, in words."""
+        if not self.farthest:
+            return "nothing with the tool down"
+        height = self._reachability_grid.greatest_height
+        return (
+            f"{self.nearest:.2f} to {self.farthest:.2f} m from its base, up to {height:.2f} m high, with the tool down"
+        )
 
     def _add_rigid(self, spec: Any) -> None:
         self._add(spec, False)
@@ -165,13 +181,27 @@ class Arm:
         """Joint positions (dof,) of the waiting arm: radians, or metres of a slide."""
         posture = ArmModel(self._add_rigid, hand=self.hand.body)
         spread = np.random.default_rng(0).random((60, posture.dof))
-        guesses = [self._guess, (posture.low + posture.high) / 2, *posture.low + (posture.high - posture.low) * spread]
+        middle, span = (posture.low + posture.high) / 2, posture.high - posture.low
+        guesses = [*(() if self._guess is None else (self._guess,)), middle, *posture.low + span * spread]
         homes = [point for point in np.array(_HOMES) if posture.is_within_span(point, DOWN)]
+
+        def offset(joints: FloatArray) -> FloatArray:
+            """Distance of each joint from the middle of its range, 0..1/2 of the range."""
+            return np.abs(joints - middle) / span
+
         for some in (guesses[:_FEW_GUESSES], guesses[_FEW_GUESSES:]):
-            for point, guess in product(homes, some):
-                joints = posture.solve_ik(point, DOWN, guess, guess, 200)
-                if joints is not None:
-                    return joints
+            best: FloatArray | None = None
+            for point in homes:
+                for guess in some:
+                    joints = posture.solve_ik(point, DOWN, guess, guess, 200)
+                    if joints is not None and self._guess is not None:
+                        return joints
+                    if joints is not None and (best is None or (offset(joints) ** 2).sum() < (offset(best) ** 2).sum()):
+                        best = joints
+                if best is not None and offset(best).max() <= _CENTRAL:
+                    return best
+            if best is not None:
+                return best
         raise InputError(
             f"robot {self.name}: it cannot point its tool straight down anywhere between (0.22, 0, 0.06) and "
             "(0.5, 0, 0.42) m",

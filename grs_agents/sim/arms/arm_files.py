@@ -13,7 +13,7 @@ from grs_agents.base.files import write_bytes
 from grs_agents.base.foreign.run_folder import resolve_member_file
 from grs_agents.base.mujoco_import import mujoco
 from grs_agents.sandbox.host.foreign_reader import ForeignReader
-from grs_agents.sim.arms.robot_file_check import check_robot_file
+from grs_agents.sim.arms.urdf_arm import URDF, find_mjcf
 from grs_agents.sim.hands.description import describe_hand_in_mjcf
 from grs_agents.sim.instance.task_instance import TaskInstance
 
@@ -24,16 +24,17 @@ _WORKER: Final = "grs_agents.sim.arms.worker"
 
 def copy_arm_files(source: Path, folder: Path, hand: OwnHandConfig | None = None) -> Path | None:
     """Copy an arm's file and its dependencies into ``folder``, in their relative layout; the copy describes ``hand``.
+    A URDF is converted to MJCF.
 
     Returns:
-        The copy of the arm's file; None if it is no MJCF, a dependency is missing, lies outside the arm's folder, or is
-        named by an absolute path: such an arm stays in place.
+        The copy of the arm's file; None if it is no arm's file, a dependency is missing, lies outside the arm's folder,
+        or is named by an absolute path: such an arm stays in place.
 
     Raises:
         InputError: the file describes another hand.
     """
     try:
-        check_robot_file(source)
+        source = find_mjcf(source)
         named = [Path(file) for file in mujoco.mju_getXMLDependencies(str(source))]
         parts = {file.relative_to(source.parent): file.read_bytes() for file in named}
     except (InputError, mujoco.FatalError, OSError, ValueError):
@@ -52,7 +53,10 @@ def copy_arm_files(source: Path, folder: Path, hand: OwnHandConfig | None = None
 
 def find_arm_file(folder: Path, robot: str) -> str:
     """The arm of a run in ``folder``: the run's copy of the file, if there is any."""
-    copied = folder.resolve() / ROBOT_FOLDER / Path(robot).name
+    name = Path(robot).name
+    if Path(robot).suffix.lower() == URDF:
+        name = f"{Path(robot).stem}.xml"
+    copied = folder.resolve() / ROBOT_FOLDER / name
     return str(copied) if Path(robot).suffix and copied.is_file() else robot
 
 
@@ -72,6 +76,8 @@ def resolve_robot_path(instance: TaskInstance, folder: Path) -> TaskInstance:
     """
     if not PurePath(instance.robot).suffix:
         return instance
+    if PurePath(instance.robot).suffix.lower() == URDF:
+        raise InputError(f"robot {instance.robot}: a task folder holds its robot as MJCF", "convert it, as a run does")
     path = resolve_member_file(folder, instance.robot).resolve()
     check_foreign_robot(path)
     return instance.model_copy(update={"robot": str(path)})

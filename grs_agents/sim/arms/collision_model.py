@@ -41,11 +41,16 @@ def reduce_to_collision_model(spec: Any) -> None:
             spec.add_mesh(name=hulls[mesh], uservert=hull.ravel(), inertia=inertia)
     for geom in spec.geoms:
         geom.meshname = hulls.get(str(geom.meshname), geom.meshname)
+    delete_unused_meshes(spec)
+    mujoco.mj_clearCache(mujoco.mj_getCache())  # of the files' meshes, which are not read again
+
+
+def delete_unused_meshes(spec: Any) -> None:
+    """Delete the meshes of a spec that no geom has."""
     used = {str(geom.meshname) for geom in spec.geoms}
     for mesh in list(spec.meshes):
         if str(mesh.name) not in used:
             spec.delete(mesh)
-    mujoco.mj_clearCache(mujoco.mj_getCache())  # of the files' meshes, which are not read again
 
 
 def _hull_vertices(model: Any, mesh: int) -> Any:

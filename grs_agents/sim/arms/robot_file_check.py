@@ -42,8 +42,8 @@ _MOST_SAMPLES: Final = 1_000
 _MOST_ELEMENTS: Final = {"body": 500, "geom": 2_000}
 _MOST_ALL: Final = 20_000
 _MOST_INCLUDED: Final = 32
-_MOST_MESH: Final = 1 << 26
-_MOST_MESHES: Final = 1 << 28
+LARGEST_MESH: Final = 1 << 26
+LARGEST_MESHES: Final = 1 << 28
 """Bytes of a single dependency, and of all; those of the largest arm of MuJoCo's Menagerie have 40 MB."""
 
 
@@ -168,8 +168,8 @@ class _Check:
             self.seen.add(file)
             size = file.stat().st_size
             self.bytes += size
-            if size > _MOST_MESH or self.bytes > _MOST_MESHES:
-                bound = f"{_MOST_MESH} bytes, {_MOST_MESHES} with the others"
+            if size > LARGEST_MESH or self.bytes > LARGEST_MESHES:
+                bound = f"{LARGEST_MESH} bytes, {LARGEST_MESHES} with the others"
                 raise self._fault(f"{name[:120]!r} has {size} bytes, at most {bound}", "simplify it")
         if sizes:  # MuJoCo reads one of the files
             width, height = max(sizes, key=lambda size: size[0] * size[1])

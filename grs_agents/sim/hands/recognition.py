@@ -6,17 +6,25 @@ gripper. A linkage counts as slides: at time steps of a task it would creep.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import count, pairwise, product
+from itertools import combinations, count, product
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from grs_agents.base import Vec3
 from grs_agents.base.config.schema import OwnHandConfig
 from grs_agents.base.errors import InputError
-from grs_agents.base.geometry.transforms import FloatArray
+from grs_agents.base.geometry.transforms import FloatArray, pose_matrix
 from grs_agents.base.mujoco_import import mujoco
+from grs_agents.sim.hands.finger_surfaces import (
+    FACE,
+    GREY,
+    PAD_HEIGHT,
+    Fingers,
+    bounding_boxes,
+    sample_surface,
+    snap_to_axis,
+)
 from grs_agents.sim.hands.two_fingers import Block, TwoFingerHand
 
 _MOST_JOINTS: Final = 12
@@ -35,24 +43,25 @@ _FARTHEST: Final = 100.0
 """Greatest joint position at an end of motion, radians or metres: 16 turns."""
 _LEAST_SHARE: Final = 0.3
 """Part of the greatest displacement from which on a geom belongs to a finger."""
-_SKEW: Final = np.cos(np.deg2rad(15))
-"""Cosine of the angle up to which a direction counts as an axis of the carrier."""
 _JAW_SKEW: Final = np.cos(np.deg2rad(30))
 """As ``_SKEW``, of a jaw, whose middle is beside that axis."""
-_PAD_HEIGHT: Final = 0.025
-"""Greatest height of the region at the end of a finger that is taken for its pad, metres."""
-_FACE: Final = 0.003
-"""Depth within which points belong to the inner face of a pad, metres."""
 _PAD_HALF: Final = 0.004
 """Half thickness of a pad, metres."""
 _LEAST_DEPTH: Final = 0.015
-_SLABS: Final = 4
 _FORCES: Final = (5.0, 40.0)
 """Least and greatest force where the file limits none, N: a firm grip."""
 _SPEED, _PAYLOAD = 0.05, 1.0
 """Typical values of a light hand, m/s and kg: MJCF has none."""
 _MASSES: Final = (0.4, 0.03)
-_GREY: Final = (0.45, 0.46, 0.48, 1.0)
+
+
+@dataclass(frozen=True)
+class FingerPart:
+    """A body of a robot's file that a slide moves, closed: position (m) and quaternion (wxyz) in the flange's frame."""
+
+    body: str
+    position: tuple[float, float, float]
+    quaternion: tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)
@@ -64,12 +73,14 @@ class OwnHand:
         position: (3,) of its flange in the frame of the carrier, metres.
         quaternion: (w, x, y, z) of its flange in the frame of the carrier.
         joints: names of the joints that move the fingers.
+        slides: parts of the fingers at +y and -y, if a slide moves each of them.
     """
 
     hand: TwoFingerHand
     position: tuple[float, float, float]
     quaternion: tuple[float, float, float, float]
     joints: tuple[str, ...]
+    slides: tuple[tuple[FingerPart, ...], ...] = ()
 
     def __str__(self) -> str:
         names = ", ".join(self.joints)
@@ -151,7 +162,8 @@ class _Sweep:
             solid = geoms
         self._moving = [geom for geom in solid if int(model.geom_bodyid[geom]) in moving]
         self._fixed = [geom for geom in solid if int(model.geom_bodyid[geom]) not in moving]
-        self._surfaces = {geom: _sample_surface(model, geom) for geom in solid}
+        self._bodies = model.body_weldid[model.geom_bodyid]  # moving body of each geom
+        self._surfaces = {geom: sample_surface(model, geom) for geom in solid}
 
     def reduce(self, names: tuple[str, ...], described: OwnHandConfig | None = None) -> OwnHand:
         """The parallel gripper that closes as the fingers do."""
@@ -160,39 +172,31 @@ class _Sweep:
         states = list(self._end_states()) if described is None else self._described_states(described)
         if not all(float(np.abs(state).max()) <= _FARTHEST for state in states):  # False for NaN
             raise _refusal(self._robot, f"joints {', '.join(names)} move farther than {_FARTHEST:.0f} rad or m")
-        best: tuple[float, tuple[_Fingers, _Fingers]] | None = None
-        for first, second in product(range(len(states)), repeat=2):
-            if first < second:
-                pair = self._find_fingers(states[first], states[second])
-                if pair is not None and (best is None or pair[0].gap - pair[1].gap > best[0]):
-                    best = pair[0].gap - pair[1].gap, pair
-        if best is not None:
-            pair = best[1]
-        else:
-            pair = self._find_jaw() if described is None else self._close_jaw(states[1], states[0])
-        if pair is None:
+        pairs = [pair for ends in combinations(states, 2) if (pair := self._find_fingers(*ends)) is not None]
+        if not pairs:
+            ways = self._jaw_ways() if described is None else [(states[1], states[0])]
+            pairs = [pair for ends in ways if (pair := self._close_jaw(*ends)) is not None]
+        if not pairs:
             raise _refusal(self._robot, f"joints {', '.join(names)} close no two surfaces on each other")
-        wide, narrow = pair
+        wide, narrow = max(pairs, key=lambda pair: pair[0].gap - pair[1].gap)
         stroke = wide.gap - max(narrow.gap, 0.0)
         if not _LEAST_STROKE <= stroke <= _MOST_STROKE:
             bounds = f"{1000 * _LEAST_STROKE:.0f} to {1000 * _MOST_STROKE:.0f} mm"
             raise _refusal(self._robot, f"it opens {1000 * stroke:.0f} mm, not {bounds}")
         return self._build(wide, narrow, names, None if described is None else described.tcp)
 
-    def _find_jaw(self) -> "tuple[_Fingers, _Fingers] | None":
-        """A jaw that a joint closes on a fixed one, wide open and closed."""
+    def _jaw_ways(self) -> list[tuple[FloatArray, FloatArray]]:
+        """Ends (nq,) of motion, closed and wide open, of one jaw that a joint closes on a fixed one."""
         model = self._model
         if model.njnt != 1 or not model.jnt_limited[0]:
-            return None
+            return []
         low, high = model.jnt_range[0].tolist()
         hinge = int(model.jnt_type[0]) == int(mujoco.mjtJoint.mjJNT_HINGE)
         most = min(high - low, _MOST_TURN) if hinge else high - low
-        ends = [np.array([values]).T for values in ((low, low + most), (high, high - most))]
-        pairs = [self._close_jaw(closed, opened) for closed, opened in ends]
-        return max((pair for pair in pairs if pair is not None), key=lambda pair: pair[0].gap, default=None)
+        return [(np.array([low]), np.array([low + most])), (np.array([high]), np.array([high - most]))]
 
-    def _close_jaw(self, closed: FloatArray, opened: FloatArray) -> "tuple[_Fingers, _Fingers] | None":
-        """As ``_find_jaw``, between two states (nq,)."""
+    def _close_jaw(self, closed: FloatArray, opened: FloatArray) -> tuple[Fingers, Fingers] | None:
+        """A jaw on a fixed one, wide open and closed, on the way between two states (nq,)."""
         if not self._fixed:
             return None
         states = list(np.linspace(closed, opened, _WAY))
@@ -200,19 +204,19 @@ class _Sweep:
         fixed = np.vstack(self._points(states[0], self._fixed))
         reach = moving[0].mean(axis=0)
         depth = moving[0] @ reach / np.linalg.norm(reach)
-        tip = depth > depth.max() - _PAD_HEIGHT
+        tip = depth > depth.max() - PAD_HEIGHT
         opening = (moving[1] - moving[0])[tip].mean(axis=0)
-        z = _snap_to_axis(reach / np.linalg.norm(reach), _JAW_SKEW)
+        z = snap_to_axis(reach / np.linalg.norm(reach), _JAW_SKEW)
         opening -= (opening @ z) * z
         if float(np.linalg.norm(opening)) < 1e-4:
             return None
-        y = _snap_to_axis(opening / np.linalg.norm(opening), _JAW_SKEW)
+        y = snap_to_axis(opening / np.linalg.norm(opening), _JAW_SKEW)
         y -= (y @ z) * z
         y /= np.linalg.norm(y)
         axes = np.column_stack([np.cross(y, z), y, z])
-        if abs(float((fixed @ z).max() - (moving[0] @ z).max())) > _PAD_HEIGHT:
+        if abs(float((fixed @ z).max() - (moving[0] @ z).max())) > PAD_HEIGHT:
             return None
-        ways = [_Fingers(axes, points @ axes, fixed @ axes) for points in moving]
+        ways = [Fingers(axes, points @ axes, fixed @ axes) for points in moving]
         gaps = np.array([fingers.gap for fingers in ways])
         touching, widest = int(np.abs(gaps).argmin()), int(gaps.argmax())  # the file may close it farther
         if abs(gaps[touching]) > _LEAST_STROKE or touching >= widest or (np.diff(gaps[: widest + 1]) <= 0).any():
@@ -273,13 +277,13 @@ class _Sweep:
             for geom in geoms
         ]
 
-    def _find_fingers(self, first: FloatArray, second: FloatArray) -> "tuple[_Fingers, _Fingers] | None":
+    def _find_fingers(self, first: FloatArray, second: FloatArray) -> tuple[Fingers, Fingers] | None:
         """The fingers wide open and closed, from two states."""
         before, after = self._points(first, self._moving), self._points(second, self._moving)
         shifts = np.array([(end - start).mean(axis=0) for start, end in zip(before, after, strict=True)])
         if float(np.abs(shifts).max()) < _LEAST_STROKE / 4:
             return None
-        closing = _snap_to_axis(np.linalg.svd(shifts)[2][0])
+        closing = snap_to_axis(np.linalg.svd(shifts)[2][0])
         along = shifts @ closing
         least = _LEAST_SHARE * float(np.abs(along).max())
         positive, negative = np.flatnonzero(along > least), np.flatnonzero(along < -least)
@@ -289,17 +293,18 @@ class _Sweep:
         reach -= (reach @ closing) * closing
         if float(np.linalg.norm(reach)) < 1e-3:
             return None
-        z = _snap_to_axis(reach / np.linalg.norm(reach))
+        z = snap_to_axis(reach / np.linalg.norm(reach))
         axes = np.column_stack([np.cross(closing, z), closing, z])
-        pair: list[_Fingers] = []
-        for points in (before, after):
-            sides = [np.vstack([points[index] for index in side]) @ axes for side in (positive, negative)]
-            sides.sort(key=lambda side: -float(side[:, 1].mean()))
-            pair.append(_Fingers(axes, sides[0], sides[1]))
+        pair: list[Fingers] = []
+        for state, points in ((first, before), (second, after)):
+            sides = [(np.vstack([points[index] for index in side]) @ axes, side) for side in (positive, negative)]
+            sides.sort(key=lambda side: -float(side[0][:, 1].mean()))
+            bodies = [{int(self._bodies[self._moving[index]]) for index in side} for _, side in sides]
+            pair.append(Fingers(axes, sides[0][0], sides[1][0], state, bodies))
         pair.sort(key=lambda fingers: -fingers.gap)
         return pair[0], pair[1]
 
-    def _build(self, wide: "_Fingers", narrow: "_Fingers", names: tuple[str, ...], tcp: Vec3 | None) -> OwnHand:
+    def _build(self, wide: Fingers, narrow: Fingers, names: tuple[str, ...], tcp: Vec3 | None) -> OwnHand:
         axes, length = wide.axes, max(wide.end, narrow.end)
         (x, y), half_x, half_z = narrow.middle, *narrow.pad
         if tcp is not None:
@@ -308,7 +313,7 @@ class _Sweep:
         fixed = [points @ axes - middle for points in self._points(self._data.qpos.copy(), self._fixed)]
         body = np.vstack([np.empty((0, 3)), *fixed])
         low, high = np.array(wide.inner) - y
-        between = (body[:, 1] > low + _FACE) & (body[:, 1] < high - _FACE) & (np.abs(body[:, 0]) < half_x + 0.02)
+        between = (body[:, 1] > low + FACE) & (body[:, 1] < high - FACE) & (np.abs(body[:, 0]) < half_x + 0.02)
         top = max(0.0, float(body[between, 2].max(initial=0.0)))
         if length - top < _LEAST_DEPTH:
             raise _refusal(self._robot, f"its fingers reach {1000 * (length - top):.0f} mm beyond the palm")
@@ -329,85 +334,37 @@ class _Sweep:
             payload=_PAYLOAD,
             masses=_MASSES,
             pad=(half_x, _PAD_HALF, half_z),
-            palm=tuple(_boxes(palm, 0.0, top)) or (Block((0.0, 0.0, 0.002), (half_x, half_x, 0.002), _GREY),),
+            palm=tuple(bounding_boxes(palm, 0.0, top)) or (Block((0.0, 0.0, 0.002), (half_x, half_x, 0.002), GREY),),
             finger=(
-                *_boxes(behind, top, start, 0.0),
-                *_boxes(behind, start, length, 2 * _PAD_HALF, slabs=1),
+                *bounding_boxes(behind, top, start, 0.0),
+                *bounding_boxes(behind, start, length, 2 * _PAD_HALF, slabs=1),
             ),
         )
         quaternion = np.empty(4)
         mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(axes).ravel())
         px, py, pz = (axes @ middle).tolist()
         w, i, j, k = quaternion.tolist()
-        return OwnHand(hand, (px, py, pz), (w, i, j, k), names)
+        flange = pose_matrix(axes, axes @ middle)
+        return OwnHand(hand, (px, py, pz), (w, i, j, k), names, tuple(self._sliding_fingers(narrow, flange)))
 
-
-class _Fingers:
-    """Points (N, 3) of both fingers in a state, axes of the hand: ``left`` at greater y."""
-
-    def __init__(self, axes: FloatArray, left: FloatArray, right: FloatArray) -> None:
-        self.axes, self.left, self.right = axes, left, right
-        self.end = min(float(left[:, 2].max()), float(right[:, 2].max()))
-        ends: list[FloatArray] = []
-        for side in (left, right):
-            away = np.abs(side[:, 2] - self.end + _PAD_HEIGHT / 2)
-            ends.append(side[away <= max(_PAD_HEIGHT / 2, float(away.min())) + 1e-6])  # the nearest of a long finger
-        inner = float(ends[0][:, 1].min()), float(ends[1][:, 1].max())
-        self.inner, self.gap = (inner[1], inner[0]), inner[0] - inner[1]
-        faces = [side[np.abs(side[:, 1] - face) < _FACE] for side, face in zip(ends, inner, strict=True)]
-        low = max(float(face[:, 0].min()) for face in faces)
-        high = min(float(face[:, 0].max()) for face in faces)
-        self.middle = (low + high) / 2, (inner[0] + inner[1]) / 2
-        deep = max(float(face[:, 2].min()) for face in faces)
-        self.pad = (
-            float(np.clip((high - low) / 2, 0.004, 0.02)),
-            float(np.clip((self.end - deep) / 2, 0.004, _PAD_HEIGHT / 2)),
-        )
-
-
-def _snap_to_axis(direction: FloatArray, skew: float = _SKEW) -> FloatArray:
-    """The nearest axis of the frame, if the cosine of the angle to it is at least ``skew``."""
-    nearest = int(np.abs(direction).argmax())
-    if abs(float(direction[nearest])) < skew:
-        return direction
-    return np.sign(direction[nearest]) * np.eye(3)[nearest]
-
-
-def _boxes(
-    points: FloatArray, low: float, high: float, inner: float | None = None, slabs: int = _SLABS
-) -> Iterator[Block]:
-    """Bounding boxes of points in slabs between two heights, metres; with ``inner`` from that y (m) outwards."""
-    edges = np.linspace(low, high, slabs + 1)
-    for start, end in pairwise(edges):
-        near = points[(points[:, 2] >= start - 1e-4) & (points[:, 2] <= end + 1e-4)]
-        if inner is not None:
-            near = near[near[:, 1] > inner]
-        if end - start < 1e-3 or len(near) < 3:
-            continue
-        lowest, highest = near[:, :2].min(axis=0), near[:, :2].max(axis=0)
-        if inner is not None:
-            lowest[1] = max(float(lowest[1]), inner)
-        half = np.maximum((highest - lowest) / 2, 5e-4)
-        x, y = ((highest + lowest) / 2).tolist()
-        half_x, half_y = half.tolist()
-        yield Block((x, y, float(start + end) / 2), (half_x, half_y, float(end - start) / 2), _GREY)
-
-
-def _sample_surface(model: Any, geom: int) -> FloatArray:
-    """Points (N, 3) on the surface of a mesh, or of the bounding box of a primitive, frame of the geom."""
-    if int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_MESH):
-        mesh = int(model.geom_dataid[geom])
-        start, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
-        vertices = np.array(model.mesh_vert[start : start + count], dtype=np.float64)
-        start, count = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
-        triangles = vertices[model.mesh_face[start : start + count]]
-        wide = np.ptp(triangles, axis=1).max(axis=1) > _FACE
-        return np.vstack([vertices, np.einsum("wk,tkd->twd", _barycentric_grid(3), triangles[wide]).reshape(-1, 3)])
-    middle, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
-    grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, 9)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    return np.asarray(middle + half * grid[np.abs(grid).max(axis=1) == 1.0], dtype=np.float64)
-
-
-def _barycentric_grid(steps: int) -> npt.NDArray[np.float64]:
-    rows = [(i, j, steps - i - j) for i in range(steps + 1) for j in range(steps + 1 - i)]
-    return np.array(rows, dtype=np.float64) / steps
+    def _sliding_fingers(self, closed: Fingers, flange: FloatArray) -> Iterator[tuple[FingerPart, ...]]:
+        """The bodies of either finger, if a slide moves each; ``flange`` (4, 4) is in the frame of the carrier."""
+        model, data = self._model, self._data
+        slides = set(model.jnt_bodyid[model.jnt_type == int(mujoco.mjtJoint.mjJNT_SLIDE)].tolist())
+        if closed.state is None or not all(len(side) == 1 and side <= slides for side in closed.bodies):
+            return
+        data.qpos[:] = closed.state
+        mujoco.mj_kinematics(model, data)
+        poses = [pose_matrix(data.xmat[body].reshape(3, 3), data.xpos[body]) for body in range(model.nbody)]
+        to_flange, quaternion = np.linalg.inv(poses[self._carrier] @ flange), np.empty(4)
+        for (finger,), sign in zip(closed.bodies, (1, -1), strict=True):
+            parts: list[FingerPart] = []
+            for body in np.flatnonzero(model.body_weldid == finger).tolist():
+                pose = to_flange @ poses[body]
+                mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(pose[:3, :3]).ravel())
+                x, y, z = pose[:3, 3].tolist()
+                w, i, j, k = quaternion.tolist()
+                parts.append(
+                    FingerPart(str(model.body(body).name), (x, y - sign * max(closed.gap, 0.0) / 2, z), (w, i, j, k))
+                )
+            yield tuple(parts)

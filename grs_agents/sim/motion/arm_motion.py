@@ -11,6 +11,7 @@ import numpy as np
 from grs_agents.base import Vec3
 from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.sim.arms.joint_paths import WAYPOINT_STEPS
+from grs_agents.sim.motion.placement import format_point
 from grs_agents.sim.motion.tool_paths import (
     UNDER,
     Pace,
@@ -121,6 +122,9 @@ class ArmMotion:
                 return True
             if self.physics.held_object_id != held:
                 return False
+            beyond = next((point for point in way if not self.arm.can_reach_point(point)), None)
+            if beyond is not None and not self._hindrance:
+                self._hindrance = f": it does not reach {format_point(beyond)}, over what stands on the way"
         return False
 
     def _follow_tool_poses(self, poses: Sequence[ToolPose], speed: float, descent: Descent | None = None) -> bool:

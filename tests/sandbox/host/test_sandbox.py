@@ -167,6 +167,16 @@ def test_worker_that_cannot_start_is_our_error() -> None:
         broken.call("execute", {"code": ""})
 
 
+def test_a_preloaded_function_is_called_ahead_with_its_latest_arguments() -> None:
+    with Sandbox() as fresh:
+        for action in ("error", "always"):
+            fresh.preload("warnings:simplefilter", [action])
+            code = "import warnings\nvalue = {'actions': [each[0] for each in warnings.filters]}"
+            value = fresh.call("execute", {"code": code}).value
+            assert value is not None
+            assert value["actions"][0] == action and "error" not in value["actions"][1:]
+
+
 def test_zygote_that_was_killed_between_calls_is_replaced(execute: Execute, sandbox: Sandbox) -> None:
     check_replacement(execute, sandbox)
 

@@ -36,6 +36,25 @@ def test_a_wrist_of_one_turn_serves_however_the_flange_is_turned(turn, tmp_path)
     assert min(env.arm.home_joints[-1] + 3.14, 3.14 - env.arm.home_joints[-1]) > 1.5
 
 
+def test_the_place_of_a_base_on_the_table_and_its_turn_do_not_count(gantry, tmp_path) -> None:
+    file = tmp_path / "arm.xml"
+    stand = '<body name="stand" pos="-0.469 0.5 0" quat="0.6 0 0 0.8"><body name="rail"'
+    file.write_text(GANTRY.replace('<body name="rail"', stand).replace("</worldbody>", "</body></worldbody>"))
+    moved, plain, joints = get_arm(str(file)), get_arm(gantry), np.array([0.5, 0.1, -0.6, 0.3])
+    assert moved.home_joints == pytest.approx(plain.home_joints)
+    for own, same in zip(moved.tip_pose(joints), plain.tip_pose(joints), strict=True):
+        assert own == pytest.approx(same, abs=1e-9)
+
+
+def test_an_arm_without_a_keyframe_waits_far_from_its_limits(tmp_path) -> None:
+    file, start = tmp_path / "arm.xml", GANTRY.index("<keyframe>")
+    end = GANTRY.index("</keyframe>") + len("</keyframe>")
+    file.write_text((GANTRY[:start] + GANTRY[end:]).replace('range="-6 6"', 'range="-1 12"'))
+    arm = get_arm(str(file))
+    assert arm.home_joints[-1] == pytest.approx(5.5, abs=1.0)
+    assert "up to 0.65 m high, with the tool down" in arm.describe_reach()
+
+
 @pytest.fixture(params=["ur5e", "panda", "gantry"])
 def robot(request, gantry) -> str:
     return gantry if request.param == "gantry" else request.param

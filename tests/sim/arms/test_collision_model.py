@@ -94,7 +94,15 @@ def test_a_simulation_has_hulls_of_few_vertices_where_the_file_has_meshes(mesh_a
     assert gaps.max() < 0.001
 
 
-def test_a_picture_has_the_meshes_of_the_file(mesh_arm) -> None:
+def test_a_picture_has_the_full_meshes_of_the_looks_and_of_bodies_without_any_those_that_collide(
+    mesh_arm, tmp_path
+) -> None:
     file, count = mesh_arm
-    stage = Stage(Props((), get_arm(str(file))), Library())
-    assert stage.model.nmeshvert == 2 * count
+    model = Stage(Props((), get_arm(str(file))), Library()).model
+    assert model.nmeshvert == count
+    assert [model.geom(geom).group for geom in np.flatnonzero(model.geom_bodyid == model.body("arm_mast").id)] == [1]
+    write_ellipsoid(tmp_path / "link.obj")
+    write_ellipsoid(tmp_path / "cover.obj")
+    bare = file.read_text().replace(' material="red" contype="0" conaffinity="0"', "")
+    (tmp_path / "arm.xml").write_text(bare)
+    assert Stage(Props((), get_arm(str(tmp_path / "arm.xml"))), Library()).model.nmeshvert == 2 * count

@@ -103,7 +103,9 @@ def test_one_jaw_that_closes_on_a_fixed_one_is_a_hand_and_no_joint_of_the_arm(tm
 
 def test_a_last_link_without_a_jaw_beside_it_is_a_joint_of_the_arm(tmp_path) -> None:
     link = _JAW.replace('<geom type="box" size="0.004 0.01 0.035" pos="-0.004 0 -0.07" mass="0.05"/>', "")
-    with pytest.raises(InputError, match="nothing moves beyond its body 'jaw'"):
+    with pytest.raises(
+        InputError, match="nothing moves beyond its body 'jaw'; as a jaw its last link fails: joints grip"
+    ):
         recognise_own_hand(write(tmp_path, link))
 
 
