@@ -12,6 +12,8 @@ from grs_agents.base.errors import InputError
 
 BASES = Path(__file__).parent / "bases"
 """Right pairs for the sample scene: files with three fenced blocks, task, program and tests."""
+_PAIR = ("simulation.py", "test_simulation.py")
+"""Files of a program and its tests."""
 
 
 class PlantedFault(Frozen):
@@ -29,34 +31,45 @@ class PlantedFault(Frozen):
 
 
 def read_fault_folders(folder: Path) -> list[PlantedFault]:
-    """The faults of a folder that holds ``BASE`` and, beside it, ``S..`` (program at fault) and ``T..`` (tests).
+    """The faults of a folder that holds ``BASE``, a right pair with its task, and beside it a folder for each fault.
+
+    The folder of a fault holds a program and its tests, of which the one at fault differs from that of ``BASE``.
 
     Raises:
-        InputError: there is no folder ``BASE`` with a ``task.json``.
+        InputError: ``BASE`` lacks a file, there is no fault, or a pair differs from ``BASE`` in neither or both.
     """
-    task = folder / "BASE" / "task.json"
-    if not task.is_file():
-        raise InputError(f"{folder} holds no BASE/task.json", "name a folder of planted faults")
-    base_tests = (folder / "BASE" / "test_simulation.py").read_text("utf-8")
-    base_program = folder / "BASE" / "simulation.py"
-    order = find_order(base_program.read_text("utf-8")) if base_program.is_file() else ()
+    base = folder / "BASE"
+    for name in ("task.json", *_PAIR):
+        if not (base / name).is_file():
+            raise InputError(f"{folder} holds no BASE/{name}", "name a folder of planted faults")
+    base_program, base_tests = ((base / name).read_text("utf-8") for name in _PAIR)
     listed = (folder / "LIST.txt").read_text("utf-8") if (folder / "LIST.txt").is_file() else ""
     kinds = dict(line.split(": ", 1) for line in listed.splitlines() if ": " in line)
-    return [
-        PlantedFault(
-            name=path.name,
-            kind=kinds.get(path.name, ""),
-            truth="fix_code" if path.name.startswith("S") else "fix_test",
-            right_tests=False,
-            task=json.loads(task.read_text("utf-8")),
-            simulation=(path / "simulation.py").read_text("utf-8"),
-            tests=(path / "test_simulation.py").read_text("utf-8"),
-            base_tests=base_tests,
-            base_order=order,
+    faults: list[PlantedFault] = []
+    for path in sorted(folder.iterdir()):
+        if path == base or not all((path / name).is_file() for name in _PAIR):
+            continue
+        simulation, tests = ((path / name).read_text("utf-8") for name in _PAIR)
+        if (simulation == base_program) == (tests == base_tests):
+            differing = "neither" if tests == base_tests else "both"
+            message = f"{path} differs from BASE in {differing} of {' and '.join(_PAIR)}"
+            raise InputError(message, "plant each fault in one of them")
+        faults.append(
+            PlantedFault(
+                name=path.name,
+                kind=kinds.get(path.name, ""),
+                truth="fix_code" if tests == base_tests else "fix_test",
+                right_tests=False,
+                task=json.loads((base / "task.json").read_text("utf-8")),
+                simulation=simulation,
+                tests=tests,
+                base_tests=base_tests,
+                base_order=find_order(base_program),
+            )
         )
-        for path in sorted(folder.iterdir())
-        if re.fullmatch(r"[ST]\d+", path.name)
-    ]
+    if not faults:
+        raise InputError(f"{folder} holds no folder with {' and '.join(_PAIR)} beside BASE", "plant faults there")
+    return faults
 
 
 def read_base(file: Path) -> tuple[dict[str, Any], str, str]:

@@ -12,7 +12,6 @@ from grs_agents.cli.assets import assets_app
 from grs_agents.cli.completion import complete_experiment, complete_graph, complete_run_folder, complete_scene
 from grs_agents.cli.options import (
     Address,
-    BatchEngine,
     BatchOut,
     Camera,
     Cameras,
@@ -23,6 +22,7 @@ from grs_agents.cli.options import (
     DepthScale,
     Distractors,
     Edits,
+    Engine,
     Episodes,
     Friction,
     Hand,
@@ -60,6 +60,7 @@ from grs_agents.cli.options import (
     add_robot_settings,
     build_recording_settings,
     build_variation_from_options,
+    check_episode_options,
     check_graph_is_scene,
     find_unnamed_scene,
     load_effective_config,
@@ -286,7 +287,7 @@ def batch(
     depth_scale: DepthScale = None,
     seed: Seed = None,
     out: BatchOut = Path("runs/batch"),
-    engine: BatchEngine = "local",
+    engine: Engine = "local",
     address: Address = None,
     workers: Workers = 2,
     timeout: Timeout = 600,
@@ -408,6 +409,8 @@ def replay(
     """
     from grs_agents.cli.show import open_run_viewer, play_in_window
 
+    of_runs = {"a second run": beside is not None, "--mujoco": window, "--seed": seed is not None}
+    check_episode_options(episode, suite, of_runs)
     if episode is not None:
         from grs_agents.cli.suites import open_episode_viewer
 
@@ -433,6 +436,7 @@ def report(
     """
     from grs_agents.cli.run_outputs import send_otel_spans, write_run_as_file
 
+    check_episode_options(episode, suite, {"--otel": otel, "--seed": seed is not None})
     if episode is not None:
         from grs_agents.cli.suites import write_episode_as_file
 
@@ -478,8 +482,8 @@ def demos(
     run: TaskFolder,
     episodes: Episodes = 200,
     kind: Annotated[str, typer.Option("--format", help="lerobot, robomimic or minari.")] = "lerobot",
-    cameras: Cameras = "",
-    size: Annotated[str, typer.Option("--size", help="Of the pictures.", metavar="ROWSxCOLUMNS")] = "96x128",
+    cameras: Cameras = None,
+    size: Annotated[str, typer.Option("--size", help="Of the pictures.", metavar="ROWSxCOLUMNS")] = "224x224",
     seed: Annotated[int, typer.Option("--seed", help="Of the variations.", metavar="N", min=0, max=2**32 - 1)] = 0,
     jitter: Jitter = 0.03,
     yaw: Yaw = 30.0,
@@ -513,7 +517,7 @@ def demos(
         replays=replays,
         seed=seed,
         variation=variation,
-        cameras=parse_cameras(cameras),
+        cameras=parse_cameras(cameras, kind),
         size=parse_size(size),
     )
     sys.exit(write_demonstrations(run, order, kind, out, hub, private, workers, json))
@@ -585,6 +589,8 @@ def evaluate(
     latency: Annotated[str, typer.Option("--latency", help=_LATENCY, metavar="S|measured")] = "0",
     perturb: Annotated[str, typer.Option("--perturb", help=_PERTURB, metavar="FACTORS")] = "",
     out: Annotated[Path | None, typer.Option("--out", help="A folder for the results.", metavar="DIR")] = None,
+    engine: Engine = "local",
+    address: Address = None,
     workers: Workers = 2,
     json: Json = False,
 ) -> None:
@@ -603,7 +609,7 @@ def evaluate(
         "latency": latency,
         "perturb": tuple(dict.fromkeys(filter(None, perturb.split(",")))),
     }
-    sys.exit(evaluate_policy(suite, policy, layout, out, workers, settings, json))
+    sys.exit(evaluate_policy(suite, policy, layout, out, workers, engine, address, settings, json))
 
 
 @app.command(rich_help_panel="Look")

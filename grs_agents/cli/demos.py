@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from typing import Final
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.text import Text
@@ -18,6 +19,11 @@ from grs_agents.tasks.demos.production import DemoOrder, make_demonstrations
 from grs_agents.tasks.demos.types import DEMO_CONTROLS, FORMATS, DemoControl, Format
 from grs_agents.tasks.task_folder import DATASET_FILE, open_task_folder
 from grs_agents.views.terminal import show_activity_status
+
+_LEROBOT_CAMERAS: Final = ("front", "wrist")
+"""Cameras of LeRobot data sets by default: ACT, SmolVLA and pi0 read every ``observation.images.*``. The other formats
+have none, since they keep pictures whole: 45 MB an episode with robomimic."""
+_NO_CAMERA: Final = "none"
 
 
 def parse_demo_control(name: str) -> DemoControl:
@@ -36,12 +42,19 @@ def parse_format(name: str) -> Format:
     raise UnknownNameError("format", name, FORMATS)
 
 
-def parse_cameras(text: str) -> tuple[str, ...]:
-    """The cameras of a list such as ``photo,front``."""
+def parse_cameras(text: str | None, kind: str) -> tuple[str, ...]:
+    """The cameras of a list such as ``photo,front``; without one those by default of the format ``kind``.
+
+    Raises UnknownNameError.
+    """
+    if text is None:
+        return _LEROBOT_CAMERAS if kind == "lerobot" else ()
+    if text.strip() == _NO_CAMERA:
+        return ()
     names = tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
     for name in names:
         if name not in CAMERAS:
-            raise UnknownNameError("camera", name, CAMERAS)
+            raise UnknownNameError("camera", name, (*CAMERAS, _NO_CAMERA))
     return names
 
 

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -81,7 +81,7 @@ _TASKS = typer.Option("--tasks", "-n", help="Different tasks wanted of each scen
 Tasks = Annotated[int | None, _TASKS]
 BatchOut = Annotated[Path, typer.Option("--out", help="Where runs and results go.", metavar="DIR")]
 _ENGINE = typer.Option("--engine", help="Processes on this machine, or tasks of a Ray cluster.")
-BatchEngine = Annotated[Literal["local", "ray"], _ENGINE]
+Engine = Annotated[Literal["local", "ray"], _ENGINE]
 _ADDRESS = typer.Option("--address", help="Of the Ray cluster; without it Ray starts on this machine.", metavar="A")
 Address = Annotated[str | None, _ADDRESS]
 Timeout = Annotated[float, typer.Option("--timeout", help="Seconds before a run is killed.", metavar="S", min=1)]
@@ -100,7 +100,8 @@ _DISTRACTORS = typer.Option("--distractors", help="Objects of the library to put
 Distractors = Annotated[int, _DISTRACTORS]
 
 Episodes = Annotated[int, typer.Option("--episodes", help="How many are wanted.", metavar="N", min=1, max=1_000_000)]
-Cameras = Annotated[str, typer.Option("--camera", help="Whose pictures: photo, front, wrist.", metavar="NAME,NAME")]
+_CAMERAS = "Whose pictures: photo, front, wrist, or none; front,wrist for lerobot, else none by default."
+Cameras = Annotated[str | None, typer.Option("--camera", help=_CAMERAS, metavar="NAME,NAME")]
 _OUT = "The folder; <run>-instances beside the run, for other robots <run>-robots."
 InstancesOut = Annotated[Path | None, typer.Option("--out", help=_OUT, metavar="DIR")]
 _ROBOTS = "An arm instead of the run's: ur5e, panda or the path of an MJCF or URDF file. Repeatable."
@@ -215,6 +216,15 @@ def check_graph_is_scene(chosen: "EffectiveConfig") -> None:
     if chosen.sources.get("graph") == "--set" and chosen.config.graph != "scene":
         remedy = "leave graph out, or use grs run"
         raise ConfigError(f"grs scene runs the graph scene, not {chosen.config.graph!r}", remedy)
+
+
+def check_episode_options(episode: str | None, suite: Path | None, of_runs: Mapping[str, bool]) -> None:
+    """Refuse ``--suite`` without ``--episode``, and with it the options given in ``of_runs``, which episodes lack."""
+    if episode is None and suite is not None:
+        raise InputError("--suite is for an episode of its evaluation", "name the episode with --episode")
+    given = [option for option, present in of_runs.items() if present]
+    if episode is not None and given:
+        raise InputError(f"{given[0]} is for runs, not for an episode of an evaluation", "leave it out")
 
 
 _MAX_SUMMARY = 1000

@@ -16,6 +16,7 @@ from grs_agents.base import terminal
 from grs_agents.base.errors import InputError
 from grs_agents.base.files import check_output_path, write_file_or_stdout, write_text
 from grs_agents.base.foreign.run_folder import REMEDY, is_relative_subpath
+from grs_agents.base.ray_cluster import Engine
 from grs_agents.base.tables import write_table
 from grs_agents.base.terminal import print_escaped, print_json
 from grs_agents.runs.batch.results import RESULTS
@@ -114,7 +115,15 @@ def verify_suite_folder(folder: Path, as_json: bool) -> int:
 
 
 def evaluate_policy(
-    folder: Path, policy: str, layout: str, out: Path | None, workers: int, settings: dict[str, Any], as_json: bool
+    folder: Path,
+    policy: str,
+    layout: str,
+    out: Path | None,
+    workers: int,
+    engine: Engine,
+    address: str | None,
+    settings: dict[str, Any],
+    as_json: bool,
 ) -> int:
     """Evaluate a policy with a progress bar, and print its figures."""
     order = make_order(folder, policy, read_layout(layout), **settings)
@@ -123,10 +132,12 @@ def evaluate_policy(
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=terminal.make_console(error=True)) as progress:
         row = progress.add_task("episodes")
+
+        def update_episode_progress(done: int, total: int) -> None:
+            progress.update(row, completed=done, total=total)
+
         try:
-            summary = evaluate(
-                folder, order, place, workers, lambda done, total: progress.update(row, completed=done, total=total)
-            )
+            summary = evaluate(folder, order, place, workers, update_episode_progress, engine, address)
         except KeyboardInterrupt:
             print_escaped("interrupted; the same command goes on", error=True)
             raise

@@ -1,6 +1,6 @@
 """A small network with torch that moves the tip at 25 Hz, by chunks of actions, learned from noisy replays.
 
-grs demos runs/boxes --control ee_delta --episodes 200 --replays 3
+grs demos runs/boxes --control ee_delta --episodes 200 --replays 3 --camera none
 python -m grs_agents.examples.closed_loop runs/boxes --steps 36000 --episodes 50
 """
 

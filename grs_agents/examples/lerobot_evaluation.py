@@ -1,6 +1,6 @@
 """A policy of LeRobot, trained on `grs demos` and judged by LeRobot's own evaluation in the task's environment.
 
-grs demos runs/boxes --episodes 100
+grs demos runs/boxes --episodes 100 --camera none
 python -m grs_agents.examples.lerobot_evaluation runs/boxes              # trains a small ACT on states first
 python -m grs_agents.examples.lerobot_evaluation runs/boxes --policy outputs/train/checkpoints/last/pretrained_model
 """

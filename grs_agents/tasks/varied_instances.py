@@ -134,10 +134,11 @@ def _open_manifest(folder: TaskFolder, variation: Variation, robot: Robot | None
             stored = VariationManifest.model_validate(read_json(out / MANIFEST, _REMEDY))
         except ValidationError as error:
             raise InputError(f"{out / MANIFEST} is no manifest of varied instances", _REMEDY) from error
-        if (stored.bases, stored.variation, stored.robot) != (begun.bases, begun.variation, begun.robot):
+        same_robot = _resolve_robot(stored.robot) == _resolve_robot(robot)
+        if not same_robot or (stored.bases, stored.variation) != (begun.bases, begun.variation):
             what = "variations of another run"
             if stored.bases == begun.bases:
-                what = "another variation" if stored.robot == begun.robot else "instances for another robot"
+                what = "another variation" if same_robot else "instances for another robot"
             raise InputError(f"{out} holds {what}", _REMEDY)
         return stored
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
@@ -148,6 +149,13 @@ def _open_manifest(folder: TaskFolder, variation: Variation, robot: Robot | None
         raise InputError(f"{file} names files outside its folder", "put them beside it, by relative paths")
     write_json(out / MANIFEST, begun.model_dump(mode="json"))
     return begun
+
+
+def _resolve_robot(robot: Robot | None) -> Robot | None:
+    """The robot with the absolute path of an arm's file."""
+    if robot is None or robot.robot in ROBOTS:
+        return robot
+    return robot.model_copy(update={"robot": str(Path(robot.robot).resolve())})
 
 
 _job: list[tuple[TaskFolder, Variation, Robot | None, Path]] = []

@@ -11,6 +11,7 @@ from itertools import islice
 from typing import Any, Final, TypeVar
 
 from grs_agents.base.errors import GrsError
+from grs_agents.base.parent_death import die_with_parent
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -38,7 +39,9 @@ def map_in_processes(
         return
     with _limit_workers_to_one_thread():
         spawn: Any = multiprocessing.get_context("spawn")
-        pool = ProcessPoolExecutor(min(workers, len(items)), spawn, _initialize_worker_process, (begin, arguments))
+        pool = ProcessPoolExecutor(
+            min(workers, len(items)), spawn, _initialize_worker_process, (os.getpid(), begin, arguments)
+        )
         left = iter(items)
         running: set[Future[Result]] = set()
         try:
@@ -70,6 +73,7 @@ def _limit_workers_to_one_thread() -> Generator[None]:
                 os.environ[name] = value
 
 
-def _initialize_worker_process(begin: Callable[..., object], arguments: tuple[Any, ...]) -> None:
+def _initialize_worker_process(parent: int, begin: Callable[..., object], arguments: tuple[Any, ...]) -> None:
+    die_with_parent(parent, signal.SIGKILL)  # a worker of a killed parent would wait for work for ever
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent is interrupted, and ends this process
     begin(*arguments)

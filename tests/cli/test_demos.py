@@ -2,7 +2,10 @@ import json
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from grs_agents.cli.commands import app
+from grs_agents.tasks.demos.production import DemoOrder
 from tests.cli.command import grs
 from tests.needs import needs
 from tests.tasks.demos.block_tasks import two_blocks, write_instances
@@ -31,7 +34,8 @@ def test_demonstrations_lie_beside_their_task(blocks: Path) -> None:
     [
         (["--format", "hdf5"], "use one of: lerobot, minari, robomimic"),
         (["--control", "pick_place"], "use one of: ee_delta, joint_position"),
-        (["--camera", "left"], "use one of: front, photo, wrist"),
+        (["--camera", "left"], "use one of: front, none, photo, wrist"),
+        (["--camera", "front,none"], "unknown camera 'none'"),
         (["--size", "96"], "give ROWSxCOLUMNS"),
         (["--size", "95x128", "--camera", "front"], "an even number of rows and columns"),
         (["--camera", "photo", "--episodes", "1"], "photo"),
@@ -43,3 +47,22 @@ def test_what_cannot_be_is_refused_before_anything_is_simulated(blocks: Path, ar
     assert done.returncode == 2
     assert told in done.stderr
     assert [path.name for path in blocks.parent.iterdir()] == ["blocks"]
+
+
+@pytest.mark.parametrize(
+    ("options", "cameras"),
+    [
+        ((), ("front", "wrist")),
+        (("--camera", "none"), ()),
+        (("--format", "robomimic"), ()),
+        (("--format", "robomimic", "--camera", "front"), ("front",)),
+    ],
+)
+def test_data_sets_of_lerobot_have_pictures_unless_told_otherwise(
+    options: tuple[str, ...], cameras: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    orders: list[DemoOrder] = []
+    monkeypatch.setattr("grs_agents.cli.demos.write_demonstrations", lambda run, order, *_: orders.append(order))
+    done = CliRunner().invoke(app, ["demos", "blocks", *options])
+    assert done.exit_code == 0, done.output
+    assert [(order.cameras, order.size) for order in orders] == [(cameras, (224, 224))]

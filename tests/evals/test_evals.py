@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
+from evals.faults.planting import read_fault_folders
 from grs_agents.base import content
 from grs_agents.base.errors import InputError
 from grs_agents.runs.experiments import CHECKOUT_ONLY, load_experiment
@@ -32,14 +33,32 @@ def test_routing_of_no_fault_is_an_error(tmp_path: Path) -> None:
         main(["--only", "no such fault", "--out", str(tmp_path)])
 
 
+def write_pairs(folder: Path, **programs: str) -> None:
+    """Pairs in folders, each with this program and the same tests, and the task of ``BASE``."""
+    for name, program in programs.items():
+        (folder / name).mkdir()
+        (folder / name / "simulation.py").write_text(program)
+        (folder / name / "test_simulation.py").write_text("")
+    task = {"task-name": "t", "task-description": "Put a into b.", "assets-used": ["a"]}
+    (folder / "BASE" / "task.json").write_text(json.dumps(task))
+
+
+def test_a_fault_in_a_folder_of_any_name_is_in_the_file_that_differs_from_the_base(tmp_path: Path) -> None:
+    write_pairs(tmp_path, BASE="1\n")
+    with pytest.raises(InputError, match=r"no folder with simulation\.py and test_simulation\.py beside BASE"):
+        read_fault_folders(tmp_path)
+    write_pairs(tmp_path, wrong_asset="2\n", weak="1\n")
+    (tmp_path / "notes").mkdir()
+    with pytest.raises(InputError, match="weak differs from BASE in neither"):
+        read_fault_folders(tmp_path)
+    (tmp_path / "weak" / "test_simulation.py").write_text("pass\n")
+    truths = {fault.name: fault.truth for fault in read_fault_folders(tmp_path)}
+    assert truths == {"wrong_asset": "fix_code", "weak": "fix_test"}
+
+
 def test_faults_in_folders_are_of_the_scene_that_is_named(tmp_path: Path) -> None:
     main = content.load_module("evals", "routing").main
-    for name in ("BASE", "S01"):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "simulation.py").write_text("1 / 0\n")
-        (tmp_path / name / "test_simulation.py").write_text("")
-    task = {"task-name": "t", "task-description": "Put a into b.", "assets-used": ["a"]}
-    (tmp_path / "BASE" / "task.json").write_text(json.dumps(task))
+    write_pairs(tmp_path, BASE="1 / 0\n", S01="1 / 2\n")
     with pytest.raises(InputError, match="nowhere does not exist"):
         main([str(tmp_path), "--scene", str(tmp_path / "nowhere"), "--out", str(tmp_path / "out")])
 

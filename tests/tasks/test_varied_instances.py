@@ -10,7 +10,7 @@ from grs_agents.base.files import write_json
 from grs_agents.sim import hash_instance, instantiate
 from grs_agents.sim.variation.types import Variation
 from grs_agents.tasks.task_folder import open_task_folder
-from grs_agents.tasks.varied_instances import VariationManifest, make_varied_instances
+from grs_agents.tasks.varied_instances import Robot, VariationManifest, make_varied_instances
 from tests.cli.command import grs
 from tests.gantry import GANTRY
 from tests.sim.sim_scenes import Scripted, at, pose_goal
@@ -64,6 +64,19 @@ def test_a_folder_of_something_else_is_refused(run: Path, tmp_path: Path) -> Non
     (tmp_path / "mine" / "notes.txt").write_text("mine")
     with pytest.raises(InputError, match="holds no varied instances"):
         make_varied_instances(run, range(1), VARIATION, tmp_path / "mine", workers=1)
+
+
+def test_a_robot_is_the_same_by_any_path_to_its_file(run: Path, tmp_path: Path, monkeypatch) -> None:
+    (tmp_path / "arm.xml").write_text(GANTRY)
+    robots = [Robot(robot=path, hand="suction") for path in ("arm.xml", str(tmp_path / "run" / ".." / "arm.xml"))]
+    monkeypatch.chdir(tmp_path)
+    first, again = (
+        make_varied_instances(run, range(1), VARIATION, tmp_path / "out", workers=1, robot=robot) for robot in robots
+    )
+    assert again == first and len(first.instances) == 1
+    other = robots[0].model_copy(update={"robot": "ur5e"})
+    with pytest.raises(InputError, match="for another robot"):
+        make_varied_instances(run, range(1), VARIATION, tmp_path / "out", workers=1, robot=other)
 
 
 def test_what_the_expert_does_not_solve_is_left_out_and_listed(run: Path, tmp_path: Path) -> None:

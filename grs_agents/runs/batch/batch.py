@@ -14,10 +14,11 @@ from grs_agents.base.config.schema import ROLES
 from grs_agents.base.errors import InputError
 from grs_agents.base.files import write_json
 from grs_agents.base.foreign.files import path_exists, read_json
+from grs_agents.base.ray_cluster import Engine
 from grs_agents.base.version import __version__
 from grs_agents.models.factory import list_model_variables
 from grs_agents.perception.reading.scene_source import short_scene_name
-from grs_agents.runs.batch.jobs import Engine, run_jobs
+from grs_agents.runs.batch.jobs import run_jobs
 from grs_agents.runs.batch.results import BatchResults, write_results
 from grs_agents.runs.batch.row import BatchRow, make_batch_row
 from grs_agents.runs.batch.run_process import RunEnd, RunJob

@@ -1,16 +1,12 @@
 """Many runs, on this machine or as tasks of a Ray cluster (docs.ray.io)."""
 
-import importlib
-import os
 from collections.abc import Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from typing import Any, Literal
+from contextlib import closing
+from functools import cache, partial
 
-from grs_agents.base.errors import InputError
-from grs_agents.base.interrupts import install_signal_handlers
+from grs_agents.base.ray_cluster import Engine, map_on_cluster
 from grs_agents.runs.batch.run_process import RunEnd, RunJob, RunProcesses, Watcher, run_job
-
-Engine = Literal["local", "ray"]
 
 
 def run_jobs(
@@ -43,7 +39,10 @@ def run_jobs(
         watch(end)
 
     if engine == "ray":
-        _run_on_cluster(jobs, store_ended_job, timeout, address, variables)
+        work = partial(_run_in_task, timeout)
+        with closing(map_on_cluster(work, jobs, address, _lose_run, variables=variables)) as ended:
+            for end in ended:
+                store_ended_job(end)
     else:
         processes = RunProcesses()
         with ThreadPoolExecutor(max_workers=workers) as pool:
@@ -55,64 +54,20 @@ def run_jobs(
                 pool.shutdown(wait=False, cancel_futures=True)
                 processes.end()
                 raise
+        processes.close()
     return [ends[job.name] for job in jobs]
 
 
-_RETRIES = 3
-"""Repetitions of a run whose worker or node was lost; the run resumes in its folder."""
-_SHIPPED_VARIABLES = frozenset(
-    {"PYTHONPATH", "LANG", "LC_ALL", "MUJOCO_GL", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"}
-    | {"XDG_CACHE_HOME", "HF_HOME", "HF_HUB_OFFLINE"}  # features of the library; weights of segmenters
-    | {"SSL_CERT_FILE", "SSL_CERT_DIR", "REQUESTS_CA_BUNDLE"}
-    | {name for proxy in ("HTTP", "HTTPS", "ALL", "NO") for name in (f"{proxy}_PROXY", f"{proxy.lower()}_proxy")}
-)
-"""Variables shipped to a cluster, with ``GRS_*``; no other variable leaves this machine, since many hold keys."""
+def _run_in_task(timeout: float, job: RunJob) -> RunEnd:
+    """Make a run in a process of the node; the task's CPU is enough, for the run and its sandbox take turns."""
+    return run_job(job, timeout, _processes_of_worker())
 
 
-def _run_on_cluster(
-    jobs: Sequence[RunJob], watch: Watcher, timeout: float, address: str | None, variables: Collection[str]
-) -> None:
-    """Make the runs as Ray tasks; each starts a process on its node.
+@cache
+def _processes_of_worker() -> RunProcesses:
+    """The runs of a worker of the cluster, which share a warm parent."""
+    return RunProcesses()
 
-    All nodes need this package in the same place, and the folder of the batch on shared storage.
-    """
-    try:
-        ray: Any = importlib.import_module("ray")
-    except ImportError as error:
-        raise InputError("engine ray needs the package ray", "pip install 'grs-agents[ray]'") from error
-    started_here = not ray.is_initialized()
-    if started_here:
-        try:
-            ray.init(address=address, log_to_driver=False, include_dashboard=False, configure_logging=False)
-        except (ConnectionError, ValueError) as error:
-            remedy = "ray start --head, or --address"
-            raise InputError(f"there is no Ray cluster at {address}: {error}", remedy) from error
-        install_signal_handlers()  # Ray has replaced them
-    names = _SHIPPED_VARIABLES.union(variables)
-    shipped = {name: value for name, value in os.environ.items() if name in names or name.startswith("GRS_")}
 
-    def run_job_with_variables(job: RunJob, timeout: float) -> RunEnd:
-        for name, value in shipped.items():
-            os.environ.setdefault(name, value)
-        return run_job(job, timeout, RunProcesses())
-
-    running: dict[Any, RunJob] = {}
-    try:
-        # A run is a single computing process; it and its sandbox take turns.
-        task: Any = ray.remote(num_cpus=1, max_retries=_RETRIES)(run_job_with_variables)
-        running.update((task.remote(job, timeout), job) for job in jobs)
-        while running:
-            (ended,), _ = ray.wait(list(running), num_returns=1)
-            job = running.pop(ended)
-            try:
-                end: RunEnd = ray.get(ended)
-            except ray.exceptions.RayError as error:
-                end = RunEnd(job, None, f"its worker was lost {_RETRIES + 1} times: {type(error).__name__}")
-            watch(end)
-    except BaseException:
-        for task_of_run in running:
-            ray.cancel(task_of_run, force=True)  # the run ends with its worker
-        raise
-    finally:
-        if started_here:
-            ray.shutdown()
+def _lose_run(job: RunJob, why: str) -> RunEnd:
+    return RunEnd(job, None, why)

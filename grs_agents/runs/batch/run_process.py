@@ -1,11 +1,13 @@
 """A run in a separate process, so that a crash or a hang costs that run alone."""
 
-import os
+import json
+import signal
+import socket
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Generator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Lock
@@ -56,33 +58,81 @@ class RunEnd:
 Watcher = Callable[[RunEnd], None]
 
 
+class RunProcess:
+    """A run in a process that the warm parent forked."""
+
+    def __init__(self, channel: socket.socket) -> None:
+        self._channel, self._waiting = channel, Lock()
+        self._status: int | None = None
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Wait for the exit status, negative for a signal. Raises TimeoutError: it runs still after ``timeout`` s."""
+        if not self._waiting.acquire(timeout=-1 if timeout is None else timeout):  # another thread waits
+            raise TimeoutError
+        try:
+            if self._status is None:
+                self._channel.settimeout(None if timeout is None else max(timeout, 1e-3))  # 0 means something else
+                try:
+                    told = self._channel.recv(16)
+                except ConnectionError:
+                    told = b""
+                self._channel.close()
+                self._status = int(told or -signal.SIGKILL)  # none: the warm parent was killed, its runs with it
+            return self._status
+        finally:
+            self._waiting.release()
+
+    def send_signal(self, number: signal.Signals) -> None:
+        """Have the warm parent send a signal, unless the run has ended."""
+        with suppress(OSError):
+            self._channel.send(bytes([number]))
+
+
 class RunProcesses:
-    """The running processes, ended together."""
+    """The running processes, ended together: forks of a warm parent, which is started for the first."""
 
     def __init__(self) -> None:
         self._lock = Lock()
-        self._running: set[subprocess.Popen[bytes]] = set()
+        self._running: set[RunProcess | subprocess.Popen[bytes]] = set()
         self._ended = False
+        self._parent: tuple[subprocess.Popen[bytes], socket.socket] | None = None
 
     @contextmanager
-    def start(self, command: Sequence[str], errors: IO[str]) -> Generator[subprocess.Popen[bytes]]:
-        """Run a process within the context. Raises InterruptedError: after ``end``."""
+    def start(self, command: Sequence[str], errors: IO[str]) -> Generator[RunProcess | subprocess.Popen[bytes]]:
+        """Run ``grs`` with the arguments ``command`` within the context. Raises InterruptedError: after ``end``."""
         with self._lock:
             if self._ended:
                 raise InterruptedError("the batch ends")
-            process = subprocess.Popen(
-                command,
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=errors,
-                process_group=0,  # Ctrl-C reaches the driver alone, which asks each run once
-            )
+            if sys.platform == "linux":
+                process = self._fork_from_warm_parent(command, errors)
+            else:  # where libraries do not stand a fork
+                process = _start_python("grs_agents", *command, errors=errors)
             self._running.add(process)
         try:
             yield process
         finally:
             with self._lock:
                 self._running.discard(process)
+
+    def _fork_from_warm_parent(self, command: Sequence[str], errors: IO[str]) -> RunProcess:
+        if self._parent is None or self._parent[0].poll() is not None:
+            control, served = socket.socketpair(type=socket.SOCK_SEQPACKET)
+            with served:
+                warm = _start_python("grs_agents.runs.batch.warm_parent", errors=errors, stdin=served.fileno())
+            self._parent = warm, control
+        ours, theirs = socket.socketpair()
+        with theirs:
+            request = json.dumps(list(command)).encode()
+            socket.send_fds(self._parent[1], [request], [theirs.fileno(), errors.fileno()])
+        return RunProcess(ours)
+
+    def close(self) -> None:
+        """End the warm parent, when no run is left."""
+        with self._lock:
+            if self._parent is not None:
+                self._parent[1].close()
+                self._parent[0].wait()
+                self._parent = None
 
     def end(self) -> None:
         """Ask all processes to end, kill those still running, and let no new process start."""
@@ -91,15 +141,24 @@ class RunProcesses:
             running = list(self._running)
         try:
             for process in running:
-                process.terminate()
+                process.send_signal(signal.SIGTERM)
             latest = time.monotonic() + _GRACE
             for process in running:
                 process.wait(max(0.0, latest - time.monotonic()))
-        except subprocess.TimeoutExpired:
+        except (TimeoutError, subprocess.TimeoutExpired):
             pass
         finally:  # also after a second interruption
             for process in running:
-                process.kill()
+                process.send_signal(signal.SIGKILL)
+            self.close()
+
+
+def _start_python(
+    module: str, *arguments: str, errors: IO[str], stdin: int = subprocess.DEVNULL
+) -> subprocess.Popen[bytes]:
+    """Start a module in a process group of its own: Ctrl-C reaches the driver alone, which asks each run once."""
+    command = [sys.executable, "-m", module, *arguments]
+    return subprocess.Popen(command, stdin=stdin, stdout=subprocess.DEVNULL, stderr=errors, process_group=0)
 
 
 def run_job(job: RunJob, timeout: float, processes: RunProcesses) -> RunEnd:
@@ -112,17 +171,16 @@ def run_job(job: RunJob, timeout: float, processes: RunProcesses) -> RunEnd:
     if earlier is not None and resolve_scene_path(Path(job.scene)) == Path(earlier.source):
         source = job.scene  # begun before there was a scene to reuse
     command = [*job.content, "run", source, "--out", str(job.folder), "--json", *begin, *job.options]
-    # The run gets the user's whole environment: a model may need its key.
-    starter = [sys.executable, "-m", "grs_agents.runs.batch.child", str(os.getpid())]
+    # The run gets the user's whole environment, from the warm parent: a model may need its key.
     job.folder.parent.mkdir(parents=True, exist_ok=True)
     if job.folder.is_symlink():  # the batch's folder may be foreign
         return RunEnd(job, 2, f"{job.folder} is a link; remove it, or name another folder with --out")
     log = job.folder.with_name(f"{job.name}.log")  # a pipe would break if this process ended before the run
-    with open_new_text(log) as errors, processes.start([*starter, *command], errors) as process:
+    with open_new_text(log) as errors, processes.start(command, errors) as process:
         try:
             status = process.wait(timeout)
-        except subprocess.TimeoutExpired:
-            process.kill()
+        except (TimeoutError, subprocess.TimeoutExpired):
+            process.send_signal(signal.SIGKILL)
             process.wait()
             return RunEnd(job, None, f"killed after {timeout:.0f} s")
     lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines() if status > 1 else []

@@ -210,7 +210,7 @@ class Task(TaskKit):
         size: Vec3 = (x, y, z)
         if min(size) < 0:
             env.record_warning("get_random_pose: a size with negative lengths was taken without their sign")
-        bounds = self.bounds if bound is None else np.asarray(bound, dtype=np.float64)
+        bounds = _read_bounds(self.bounds if bound is None else bound)
         pose = self._draw_free_pose(env, size, bounds)
         if pose is not None:
             env.failed_placements = 0
@@ -298,6 +298,20 @@ class PublishedTask(Task):
                 return pose
         env.record_warning(f"{full}, so it stands in other objects")
         return placement.sample_free_pose(size, self.bounds, [], env.rng, env.arm)
+
+
+def _read_bounds(bound: Any) -> FloatArray:
+    """Lowest and highest x, y and perhaps z (2 or 3, 2), metres. Raises InvalidValueError: it is no such array."""
+    try:
+        bounds: FloatArray = np.asarray(bound, dtype=np.float64)
+    except (ValueError, TypeError):
+        bounds = np.empty(0)
+    if bounds.shape not in ((2, 2), (3, 2)) or not np.isfinite(bounds).all():
+        raise InvalidValueError(
+            f"get_random_pose: the bound {str(bound)[:100]} is no finite array (3, 2)",
+            "give the lowest and highest x, y, z in metres",
+        )
+    return bounds
 
 
 def _placement_obstacles(env: Environment, marks: bool = True) -> list[Prism]:

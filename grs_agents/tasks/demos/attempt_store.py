@@ -27,14 +27,16 @@ _ARRAYS: Final = (
     *("joint_positions", "joint_velocities", "tip", "commanded_tip", "suction", "objects", "targets", "held", "open"),
     *("actions", "executed_actions", "rewards", "gripper"),
 )
-_IMAGE: Final = "image:"
+_IMAGE, _CHANGE = "image:", "change:"
+"""Prefixes of a camera's pictures: as they are, or of a camera that stands still the differences of successive ones
+(modulo 256), which shrink by 17 instead of 2."""
 _MOST_DIRECTORY: Final = 1 << 20
 """Most bytes of the directory of an attempt's archive."""
 _MOST_HEADER: Final = 1 << 26
 _MOST_ARRAY: Final = 1 << 32
 """Most bytes of an array, e.g. the pictures of a camera: 4,600 of 640x480 pixels."""
 _LEAST_ROOM, _MOST_RATIO = 1 << 24, 200
-"""Bytes that any attempt may unpack to, and largest compression ratio: simulated pictures shrink to a tenth at best."""
+"""Bytes that any attempt may unpack to, and largest compression ratio: simulated pictures shrink by 20 at best."""
 _ATTEMPT: Final = re.compile(r"attempt_(\d{6,12})")
 _REMEDY: Final = "remove it: the attempt is made again"
 _TORN: Final = (
@@ -111,7 +113,12 @@ class AttemptStore:
             arrays: dict[str, Any] = {
                 name: getattr(result, name) for name in _ARRAYS if getattr(result, name) is not None
             }
-            arrays |= {_IMAGE + name: images for name, images in result.images.items()}
+            for camera in result.cameras:
+                images = result.images[camera.name]
+                if camera.frame == "robot":
+                    arrays[_CHANGE + camera.name] = np.diff(images, axis=0, prepend=np.uint8(0))
+                else:
+                    arrays[_IMAGE + camera.name] = images
             names = [part.name for part in fields(result) if part.name not in (*_ARRAYS, "images", "cameras")]
             header: dict[str, Any] = {name: getattr(result, name) for name in names}
             header["cameras"] = [camera.model_dump() for camera in result.cameras]
@@ -166,6 +173,8 @@ def _read_demonstration(path: Path) -> Demonstration:
                 arrays[name] = read_npy_stream(content, f"{name} in {path}", min(_MOST_ARRAY, left))
             left -= arrays[name].nbytes
     images = {name.removeprefix(_IMAGE): arrays.pop(name) for name in names if name.startswith(_IMAGE)}
+    for name in [name for name in names if name.startswith(_CHANGE)]:
+        images[name.removeprefix(_CHANGE)] = np.cumsum(arrays.pop(name), axis=0, dtype=np.uint8)
     header["cameras"] = tuple(CameraModel.model_validate(camera) for camera in header["cameras"])
     for name in ("object_names", "joint_names"):
         header[name] = tuple(header[name])

@@ -50,7 +50,9 @@ def check_format_requirements(kind: Format, order: DemoOrder) -> None:
             raise ConfigError(f"{package}, which --format {kind} needs, is not installed", extra) from error
     if kind == "lerobot" and order.cameras and any(side % 2 for side in order.size):
         size = f"{order.size[0]}x{order.size[1]}"
-        raise InputError(f"pictures of {size}: a film has an even number of rows and columns", "use e.g. --size 96x128")
+        raise InputError(
+            f"pictures of {size}: a film has an even number of rows and columns", "use e.g. --size 224x224"
+        )
 
 
 def write_dataset(store: AttemptStore, kind: Format, out: Path, folder: TaskFolder) -> DatasetSummary:

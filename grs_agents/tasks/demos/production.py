@@ -92,7 +92,7 @@ class DemoOrder(Frozen):
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 0  # of the variations
     variation: Variation = _VARIED
     cameras: tuple[str, ...] = ()
-    size: tuple[int, int] = (96, 128)  # rows and columns of the pictures
+    size: tuple[int, int] = (224, 224)  # rows and columns of the pictures, as SmolVLA and pi0 take them
     renderer: Backend = "auto"
 
     @property

@@ -6,11 +6,14 @@ from typing import Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import TypeAdapter
 
+from grs_agents.base import Pose
 from grs_agents.base.errors import InputError, UnknownNameError
 from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.sim.arms.registry import get_arm
 from grs_agents.sim.instance.episode import SimulationError
+from grs_agents.sim.instance.goal import Placed, check_unit_quaternion
 from grs_agents.sim.motion.joint_controller import CONTROL_RATE
 from grs_agents.sim.rendering.scene_cameras import Backend
 from grs_agents.sim.variation.types import Variation
@@ -33,6 +36,7 @@ _RENDERED: Final = (480, 640)
 _DRAWS: Final = 5
 """Tries of a variation without a free place."""
 _METADATA: Final[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": round(CONTROL_RATE)}
+_CAMERA_SHIFT: Final[TypeAdapter[Placed]] = TypeAdapter(Placed)
 Observation = dict[str, npt.NDArray[Any]]
 
 
@@ -189,9 +193,11 @@ class GrsEnv(gymnasium.Env[Any, Any]):
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin an episode.
 
-        Raises ``UnknownNameError`` for an unknown instance, ``SimulationError`` for a scene that cannot be set up.
+        Raises ``UnknownNameError`` for an unknown instance, ``InputError`` for a camera shift that is no pose,
+        ``SimulationError`` for a scene that cannot be set up.
         """
         super().reset(seed=seed)
+        shift = _parse_camera_shift((options or {}).get("camera"))
         known, wanted = tuple(self.instances), (options or {}).get("instance")
         if wanted is not None:
             if wanted not in self.instances:
@@ -210,7 +216,7 @@ class GrsEnv(gymnasium.Env[Any, Any]):
                 except SimulationError:
                     if not left:
                         raise
-        self._photographer.shift = (options or {}).get("camera")
+        self._photographer.shift = shift
         self.episode.begin(self._instance)
         for part in (self._control, self._photographer, self._renderer):
             part.begin(self.episode)
@@ -255,3 +261,16 @@ class GrsEnv(gymnasium.Env[Any, Any]):
     def _update_observation(self) -> None:
         state, self._potential = self._state.read()
         self._observation = {**state, **self.take_pictures()}
+
+
+def _parse_camera_shift(shift: Any) -> Pose | None:
+    """The shift in ``options["camera"]``, None without one. Raises InputError: it is no pose."""
+    if shift is None:
+        return None
+    try:
+        pose = _CAMERA_SHIFT.validate_python(tuple(np.asarray(part, dtype=np.float64).tolist() for part in shift))
+        check_unit_quaternion(pose, "the shift")
+    except (ValueError, TypeError) as error:
+        remedy = "give ((x, y, z), (qx, qy, qz, qw)): at most 2 m along each axis, and a unit quaternion"
+        raise InputError(f'options["camera"] = {str(shift)[:200]} is no pose', remedy) from error
+    return pose

@@ -8,20 +8,21 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from hashlib import sha256
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, NoReturn
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field, ValidationError
 
 from grs_agents.base import Frozen, Pose
-from grs_agents.base.errors import InputError, UnknownNameError
+from grs_agents.base.errors import GrsError, InputError, UnknownNameError
 from grs_agents.base.files import write_json, write_text
-from grs_agents.base.foreign.files import read_json, read_text
+from grs_agents.base.foreign.files import MOST_BYTES, read_json, read_text
 from grs_agents.base.geometry import transforms
+from grs_agents.base.ray_cluster import Engine, map_on_cluster
 from grs_agents.sim.arms.registry import get_arm
 from grs_agents.sim.goals.scores import DISTURBED, MET
 from grs_agents.sim.hands.two_fingers import TwoFingerHand
@@ -156,13 +157,24 @@ def evaluate(
     out: Path,
     workers: int = 2,
     show: Callable[[int, int], None] = lambda done, total: None,
+    engine: Engine = "local",
+    address: str | None = None,
 ) -> EvaluationSummary:
     """Evaluate a policy on the suite in ``folder``; rows and motions go to ``out``, where an interrupted call resumes.
 
-    ``show`` gets the numbers of finished and of all episodes.
+    Args:
+        folder: of the suite.
+        order: of the evaluation.
+        out: folder of the results.
+        workers: processes on this machine.
+        show: gets the numbers of finished and of all episodes.
+        engine: ``local`` starts processes on this machine, ``ray`` tasks on the cluster at ``address`` (None: a
+            local cluster), whose CPUs bound the number of parallel episodes.
+        address: of the cluster.
 
     Raises:
-        InputError: the suite, the policy or the folder ``out`` cannot be used.
+        InputError: the suite, the policy or the folder ``out`` cannot be used, or there is no cluster.
+        GrsError: a process was killed, e.g. for lack of memory.
     """
     suite = read_suite(folder)
     keys = list(_list_episodes(suite, order))
@@ -170,11 +182,20 @@ def evaluate(
     rows = _open_results(out, order)
     waiting = [key for key in keys if key not in rows]
     show(len(rows), len(keys))
-    work = map_in_processes(_run_episode, waiting, workers, _set_job, (folder, order, out, str(Path.cwd())))
-    with (out / EPISODES).open("a", encoding="utf-8") as file, (out / LATENCIES).open("a", encoding="utf-8") as times:
+    arguments = (folder.resolve(), order, out.resolve(), str(Path.cwd()))
+    if engine == "ray":
+        work = map_on_cluster(_run_episode, waiting, address, _lose_episode, _set_job, arguments)
+    else:
+        work = map_in_processes(_run_episode, waiting, workers, _set_job, arguments)
+    with (
+        closing(work),
+        (out / EPISODES).open("a", encoding="utf-8") as file,
+        (out / LATENCIES).open("a", encoding="utf-8") as times,
+    ):
         for result, latencies in work:
             rows[result.key] = result
-            for stream, text in ((file, result.model_dump_json()), (times, json.dumps(latencies))):
+            rounded = json.dumps([round(seconds, 6) for seconds in latencies])
+            for stream, text in ((file, result.model_dump_json()), (times, rounded)):
                 stream.write(f"{text}\n")
                 stream.flush()
                 os.fsync(stream.fileno())
@@ -218,7 +239,7 @@ def read_results(out: Path) -> list[EpisodeResult]:
     if not file.is_file():
         raise InputError(f"{out} holds no evaluation", "name a folder that `grs evaluate` wrote")
     rows: list[EpisodeResult] = []
-    lines = read_text(file).splitlines()
+    lines = read_text(file, most=MOST_BYTES).splitlines()
     for number, line in enumerate(lines, 1):
         try:
             rows.append(EpisodeResult.model_validate_json(line))
@@ -351,7 +372,7 @@ def _open_results(out: Path, order: EvaluationOrder) -> dict[EpisodeKey, Episode
 
 def _read_latencies(out: Path) -> list[float]:
     values: list[float] = []
-    for line in read_text(out / LATENCIES).splitlines():
+    for line in read_text(out / LATENCIES, most=MOST_BYTES).splitlines():
         try:
             values += json.loads(line)
         except ValueError:  # half-written when the process was killed
@@ -470,6 +491,10 @@ def _run_episode(key: EpisodeKey) -> tuple[EpisodeResult, list[float]]:
     recording.save(job.out / MOTIONS / motion_file_name(key))
     result = watch.result(key, instance, instruction, outcome, detail[:500])
     return result.model_copy(update={"factors": perturbed.factors, "camera": perturbed.camera}), latencies
+
+
+def _lose_episode(key: EpisodeKey, why: str) -> NoReturn:
+    raise GrsError(f"episode {key.episode} of {key.task}: {why}", "run the command again, it goes on")
 
 
 @contextmanager

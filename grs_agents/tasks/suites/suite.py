@@ -34,7 +34,13 @@ Tag = Literal["color", "size", "kind", "in", "on", "beside", "side", "line", "or
 _COLORS = re.compile(r"\b(red|orange|yellow|green|blue|purple|pink|brown|black|white|gr[ae]y|cyan)\b")
 _SIZES = re.compile(r"\b(tall|low|large|big|small|short|long|wide)(er|est)?\b|\b(bigg|thinn)(er|est)\b|\bthin\b")
 _SIDES = re.compile(r"\b(left of|right of|in front of|behind|between)\b")
-_ORDERED = re.compile(r"\b(then|first|after|before|next|finally|last|from the bottom up|in order)\b")
+_ORDERED = re.compile(
+    r"\b(then|first|after|before|next|finally|last|stack|in (this )?order)\b"
+    r"|\bfrom the (bottom (up|to)|\w+est to the \w+est)\b"
+)
+_IN_WORDS = re.compile(r"\b(into|inside)\b|\bin (?!front\b|the (middle|photo)\b|a (row|line)\b|(any|this) order\b)")
+_ON_WORDS = re.compile(r"\b(on|onto|in the middle of) (?!the (spot|bare table)\b)")
+_LINE_WORDS = re.compile(r"\bline up\b")
 _IN, _ON, _BESIDE = ("inside",), ("on", "stacked", "in_zone"), ("near",)
 
 
@@ -182,16 +188,19 @@ def open_suite_task(folder: Path, task: SuiteTask) -> TaskFolder:
 
 
 def find_tags(instance: TaskInstance, words: str) -> tuple[Tag, ...]:
-    """Tags of a task: by its goals what is placed in, on or beside what, by its words how objects are told apart."""
-    spoken = words.lower()
+    """Tags of a task: by its goals what is placed in, on or beside what, by its words how objects are told apart.
+
+    A goal by pose or zone does not name what is there; the sentence made of the goals does.
+    """
+    spoken, stated = words.lower(), (instance.instruction or words).lower()
     kinds = {goal.relation_kind for goal in instance.goals}
     moved = [number for goal in instance.goals for number in goal.objects]
     applies: Mapping[Tag, bool] = {
-        "in": bool(kinds & set(_IN)),
-        "on": bool(kinds & set(_ON)) or any(goal.metric == "zone" for goal in instance.goals),
+        "in": bool(kinds & set(_IN)) or bool(_IN_WORDS.search(stated)),
+        "on": bool(kinds & set(_ON)) or bool(_ON_WORDS.search(stated)),
         "beside": bool(kinds & set(_BESIDE)),
         "side": bool(_SIDES.search(spoken)),
-        "line": "aligned" in kinds,
+        "line": "aligned" in kinds or bool(_LINE_WORDS.search(stated)),
         "order": "stacked" in kinds or bool(_ORDERED.search(spoken)),
         "several moves": len(set(moved)) > 1,
         "pushing": instance.primitive == "push",

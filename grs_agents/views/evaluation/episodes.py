@@ -20,12 +20,17 @@ from grs_agents.views.film.rollout_film import RolloutShot
 
 
 def make_episode_shot(suite_folder: Path, out: Path, row: EpisodeResult) -> RolloutShot:
-    """The rollout of an episode; its instance is written beside its motion. Raises InputError: the suite lacks it."""
+    """The rollout of an episode; its instance, with the policy's instruction, is written beside its motion.
+
+    Raises:
+        InputError: the suite lacks the instance.
+    """
     folder = open_suite_task(suite_folder, read_suite(suite_folder).task(row.task))
-    instance = drawn_instance_name(row) if row.perturb else f"instances/{row.task}-{row.instance}.json"
+    instance = drawn_instance_name(row)
     if not row.perturb:
         refuse_link(out / "instances")  # the folder may come from somebody else
-        write_json(out / instance, folder.read_instance(row.instance).model_dump(mode="json"))
+        shown = folder.read_instance(row.instance).model_copy(update={"instruction": row.instruction})
+        write_json(out / instance, shown.model_dump(mode="json"))
     event = Rollout(
         seed=row.instance,
         reward=row.strict,

@@ -34,6 +34,8 @@ _LONGEST: Final = 80
 """Frames of a film; longer episodes are shown faster."""
 _WIDTH: Final = 320
 """Pixels of a bar of 100 %."""
+_MOST_FAILURES: Final = 200
+"""Rows of the table of episodes without success."""
 _MOST_LOG_ODDS: Final = 8.0
 """Ends of the axis of effects: beyond them success is all or nothing."""
 
@@ -109,6 +111,7 @@ def render_evaluation_page(suite_folder: Path, out: Path, show: Callable[[str], 
     summary, results = read_summary(out), read_results(out)
     tasks = list(_describe_tasks(suite_folder, summary, results, out, show))
     groups = {"By tag": summary.by_tag, "By words": summary.by_words if len(summary.by_words) > 1 else {}}
+    failures = [row for row in results if not row.success]
     return load_template(Path(__file__).with_name("page.html")).render(
         policy=POLICY,
         summary=summary,
@@ -118,7 +121,8 @@ def render_evaluation_page(suite_folder: Path, out: Path, show: Callable[[str], 
         },
         effects=[EffectView(effect) for effect in summary.effects],
         tasks=tasks,
-        failures=[row for row in results if not row.success][:200],
+        failures=failures[:_MOST_FAILURES],
+        failed=len(failures),
         width=_WIDTH,
         style=Path(__file__).parents[1].joinpath("report", "style.css").read_text("utf-8"),
     )

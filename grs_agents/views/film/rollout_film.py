@@ -288,7 +288,7 @@ def write_moment_captions(
         grasp = next((grasp for grasp in grasps if frame <= grasp.end), grasps[-1] if grasps else None)
         ended = moment >= end
         if grasp is None:
-            action = instance.primitive.replace("_", " ")
+            action = "nothing is picked up" if instance.primitive == "pick_place" else instance.primitive
         else:
             verb = "reaches for" if frame < grasp.start else "carries" if frame < grasp.end else "has placed"
             number = grasps.index(grasp) + 1

@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -280,6 +281,36 @@ def test_a_batch_that_is_asked_to_end_ends_its_runs_and_goes_on(
     assert json.loads(record.read_text())["attempts"] == 2
 
 
+FORKED = (
+    WAITING.split("waits =", maxsplit=1)[0]
+    + """
+def work(state: RunState):
+    return {"status": "accepted", "reason": f"{os.getpgrp() == os.getpid()} {os.getppid()}"}
+
+def build():
+    graph = StateGraph(RunState, context_schema=Services)
+    graph.add_node("work", work)
+    graph.add_edge(START, "work")
+    graph.add_edge("work", END)
+    return graph
+"""
+)
+"""A graph whose run tells the number of its parent, and whether it leads a process group."""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere no run is forked")
+def test_the_runs_of_a_batch_are_forks_of_one_process(tmp_path: Path, small_scene: Path) -> None:
+    (tmp_path / "graphs").mkdir()
+    (tmp_path / "graphs" / "forked.py").write_text(FORKED)
+    for name in ("first", "second"):
+        shutil.copytree(small_scene, tmp_path / name)
+    order = ("batch", "first", "second", "--set", "graph=forked", "--out", "out", "--json")
+    done = grs("--content", ".", *order, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    reasons = {row["reason"] for row in json.loads(done.stdout)["rows"]}
+    assert len(reasons) == 1 and reasons.pop().startswith("True ")
+
+
 TELLING = (
     WAITING.split("waits =", maxsplit=1)[0]
     + """
@@ -340,12 +371,13 @@ def test_a_lost_worker_of_a_cluster_costs_its_own_run(tmp_path: Path, small_scen
 
         def kill_worker() -> None:
             wait_until((tmp_path / "one" / "events.jsonl").is_file)
-            for status in Path("/proc").glob("[0-9]*/cmdline"):
-                command = status.read_bytes().split(b"\0") if status.exists() else []
-                if str(tmp_path / "one").encode() in command and b"grs_agents.runs.batch.child" in command:
-                    worker = int(command[command.index(b"grs_agents.runs.batch.child") + 1])
-                    killed.append(worker)
-                    os.kill(worker, 9)
+            for process in Path("/proc").glob("[0-9]*"):
+                with suppress(OSError):  # it has ended
+                    worker = process.parent / (process / "stat").read_text().rpartition(")")[2].split()[1]
+                    warm = [b"warm_parent" in (one / "cmdline").read_bytes() for one in (process, worker)]
+                    if warm == [True, False] and (process / "fd" / "2").readlink() == tmp_path / "one.log":
+                        killed.append(int(worker.name))
+                        os.kill(int(worker.name), 9)
 
         killer = threading.Thread(target=kill_worker)
         killer.start()

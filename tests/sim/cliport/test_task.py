@@ -7,6 +7,7 @@ from grs_agents.library.library import Library
 from grs_agents.sim import Environment, Task, inside, instantiate, rollout, run_oracle, upright
 from grs_agents.sim.cliport.end_effectors import push
 from grs_agents.sim.cliport.task import PublishedTask
+from grs_agents.sim.instance.episode import InvalidValueError
 
 BLOCK = "block/red_block.urdf"
 BOX = "box/box-template.urdf"
@@ -267,6 +268,12 @@ def test_a_bound_of_any_size_is_searched_within_the_table() -> None:
 
     drawn(scene)
     assert np.hypot(found[0], found[1]) < 1
+
+
+@pytest.mark.parametrize("bound", [[[0.3, np.nan], [0.2, 0.4], [0.0, 0.3]], [[0.3, 0.4]], "anywhere"])
+def test_a_bound_that_is_no_finite_array_is_refused(bound: object) -> None:
+    with pytest.raises(InvalidValueError, match=r"is no finite array \(3, 2\)"):
+        drawn(lambda task, env: task.get_random_pose(env, (0.1, 0.1, 0.1), bound=bound))
 
 
 def test_where_nothing_else_is_free_published_programs_and_ropes_get_places_on_marks() -> None:

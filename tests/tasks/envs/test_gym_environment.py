@@ -179,6 +179,13 @@ def test_arguments_that_cannot_be_used_are_refused(blocks, arguments, message) -
         gymnasium.make(GRS, run=blocks, **arguments)
 
 
+@pytest.mark.parametrize("shift", [3, "front", ((0, 0, np.nan), (0, 0, 0, 1)), ((0, 0, 0), (0, 0, 0, 0)), ((0, 0, 0),)])
+def test_a_camera_shift_that_is_no_pose_is_refused(blocks, shift: object) -> None:
+    env = gymnasium.make(GRS, run=blocks)
+    with pytest.raises(InputError, match=r'options\["camera"\] = .* is no pose'):
+        env.reset(options={"camera": shift})
+
+
 def test_a_run_that_was_not_accepted_is_refused(tmp_path: Path) -> None:
     (tmp_path / "run.json").write_text(json.dumps({"status": "rejected"}), encoding="utf-8")
     with pytest.raises(InputError, match="is rejected, not accepted"):

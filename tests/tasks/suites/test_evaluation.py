@@ -28,6 +28,7 @@ from grs_agents.tasks.suites.evaluation import (
 from grs_agents.tasks.suites.layouts import PRESETS, Layout, read_layout
 from grs_agents.tasks.suites.policies import EpisodeStart, ExpertPolicy
 from grs_agents.tasks.suites.suite import find_word_tags, make_suite, open_suite_task, read_suite
+from grs_agents.views.evaluation.episodes import make_episode_shot
 from grs_agents.views.evaluation.page import render_evaluation_page
 from tests.cli.command import grs
 from tests.tasks.suites.conftest import SPECIFIC
@@ -112,6 +113,18 @@ def test_two_evaluations_are_equal_and_an_interrupted_one_goes_on(suite_folder: 
     assert judge(suite_folder, tmp_path / "second", "random", episodes=2, seed=3)[1] == rows
     with pytest.raises(InputError, match="other settings"):
         judge(suite_folder, tmp_path / "first", "random", episodes=2, seed=4)
+
+
+def test_an_evaluation_of_thousands_of_episodes_ends(suite_folder: Path, tmp_path: Path) -> None:
+    out, task = tmp_path / "out", ("put-block-left",)
+    (row,) = judge(suite_folder, out, own("Wrong"), tasks=task)[1]
+    (out / "latencies.jsonl").write_text("[0.25, 0.75]\n" * 100_000)
+    summary, rows = judge(suite_folder, out, own("Wrong"), tasks=task)
+    assert (summary.latency, rows) == (0.5, [row])
+    many = [row.model_copy(update={"episode": number}) for number in range(4000)]
+    (out / "episodes.jsonl").write_text("".join(f"{row.model_dump_json()}\n" for row in many))
+    assert (out / "episodes.jsonl").stat().st_size > 2**20
+    assert read_results(out) == many
 
 
 @pytest.mark.parametrize(
@@ -355,6 +368,44 @@ def test_the_command_prints_figures_and_processes_agree(suite_folder: Path, tmp_
     assert "+0.0 points" in done.stdout
 
 
+def test_ray_and_local_processes_give_equal_rows_and_equal_errors(suite_folder: Path, tmp_path: Path) -> None:
+    pytest.importorskip("ray")
+    options = ("evaluate", str(suite_folder), "--engine", "ray", "--episodes", "2", "--json")
+    done = grs(*options, "--policy", "oracle", "--out", "ray", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert read_results(tmp_path / "ray") == judge(suite_folder, tmp_path / "local", "oracle", episodes=2)[1]
+    done = grs(*options, "--policy", "random", "--layout", "droid", "--out", "droid", folder=tmp_path)
+    assert (done.returncode, "7 joints, the robot ur5e has 6" in done.stderr) == (2, True), done.stderr
+
+
+def test_a_cluster_that_is_not_there_is_refused(suite_folder: Path, tmp_path: Path) -> None:
+    options = ("--policy", "random", "--engine", "ray", "--address", "nowhere", "--out", "out")
+    done = grs("evaluate", str(suite_folder), *options, folder=tmp_path)
+    assert done.returncode == 2
+    assert "no Ray cluster at nowhere" in done.stderr or "engine ray needs the package ray" in done.stderr
+
+
+def test_a_film_shows_the_words_that_the_policy_was_told(suite_folder: Path, tmp_path: Path) -> None:
+    (row,) = judge(suite_folder, tmp_path, own("Wrong"), words=("vague",), tasks=("put-block-left",))[1]
+    shot = make_episode_shot(suite_folder, tmp_path, row)
+    shown = json.loads((tmp_path / (shot.event.instance or "")).read_text())
+    assert shown["instruction"] == row.instruction == "tidy up"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "refused"),
+    [
+        (("replay", "--suite", "s"), "--suite is for an episode"),
+        (("report", "--suite", "s"), "--suite is for an episode"),
+        (("replay", "--suite", "s", "--episode", "e", "--mujoco"), "--mujoco is for runs"),
+        (("report", "--suite", "s", "--episode", "e", "--otel"), "--otel is for runs"),
+    ],
+)
+def test_options_that_an_episode_or_a_run_lacks_are_refused(arguments: tuple[str, ...], refused: str) -> None:
+    done = grs(arguments[0], "out", *arguments[1:], folder=Path.cwd())
+    assert (done.returncode, refused in done.stderr) == (2, True), done.stderr
+
+
 @pytest.fixture(scope="session")
 def colorful_suite(runs: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Six tasks; the words of the first three tell the block by its colour."""
@@ -371,7 +422,7 @@ def test_the_table_shows_blindness_to_color(colorful_suite: Path, tmp_path: Path
     assert verdicts == {"camera": "not shown", "told by color": "costs success"}
     assert {row.camera is not None for row in rows if row.factors} == {True}
     page = render_evaluation_page(colorful_suite, tmp_path / "out")
-    assert "Effect of each factor" in page and "costs success" in page
+    assert "<th>perturbed</th>" in page and "Effect of each factor" in page and "costs success" in page
 
 
 def test_no_factor_costs_the_expert_success(suite_folder: Path, tmp_path: Path) -> None:

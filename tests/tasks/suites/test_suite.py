@@ -98,6 +98,28 @@ def test_tags_follow_from_goals_and_words(words: str, goals: tuple[object, ...],
     assert set(find_tags(instance.model_copy(update={"goals": goals or instance.goals}), words)) == tags
 
 
+@pytest.mark.parametrize(
+    ("words", "stated", "tags"),
+    [
+        ("Pack both cans into the orange box.", "Put both cans in the orange box.", {"color", "in"}),
+        ("Clear the green area.", "Put the milk within the unmarked area in front of the robot.", {"color"}),
+        (
+            "Build a tower on the mark, in this order from the bottom to the top.",
+            "Put the can in the middle of the mark, then stack the milk on the can. The mark is not in the photo.",
+            {"kind", "on", "order"},
+        ),
+        (
+            "Line up the cans from the shortest to the tallest.",
+            "Line up the can and the milk from left to right on the mark.",
+            {"size", "on", "line", "order"},
+        ),
+        ("Line up the cans.", "Line up the can and the milk in any order.", {"kind", "line"}),
+    ],
+)
+def test_tags_of_goals_by_pose_and_zone_follow_from_their_sentence(words: str, stated: str, tags: set[str]) -> None:
+    assert set(find_tags(block_instance(0).model_copy(update={"instruction": stated}), words)) == tags
+
+
 def test_a_batch_stands_for_its_accepted_runs_of_different_tasks(runs: list[Path], tmp_path: Path) -> None:
     rows = [
         BatchRow(run="near", scene="s", seed=0, status="accepted", reason=""),
