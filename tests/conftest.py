@@ -16,15 +16,17 @@ from hypothesis import HealthCheck, settings
 from evals.synthesis import Recipe, synthesise
 from grs_agents.base import content
 from grs_agents.library.library import Library
+from grs_agents.runs.sandbox_setup import PRELOAD
 from tests.cli.command import grs
-from tests.kept_sandbox import LentReader
+from tests.kept_sandbox import LentReader, note_preloads
 from tests.slow import SLOW
 
 pytest_plugins = ("tests.needs",)
 
-INSTRUMENTS = ("evals", "examples", "scripts", "test_notebook.py", "test_packaging.py")
+INSTRUMENTS = tuple(f"tests/{name}" for name in ("evals/", "examples/", "scripts/", "test_notebook", "test_packaging"))
 """Tests of experiments, scripts, the notebook and the packages: slow as a whole."""
 
+gc.disable()  # until all is imported and collected, which stays to the end
 settings.register_profile("grs", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("grs")  # how fast an example is drawn tells of the machine's load, not of the code
 
@@ -48,11 +50,10 @@ def pytest_collection() -> Generator[None, object, object]:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    here = Path(__file__).parent
     # These fork their process for each check: first, while it is small, as a fork copies its page tables.
-    items.sort(key=lambda item: here / "sandbox" / "isolation" not in item.path.parents)
+    items.sort(key=lambda item: not item.nodeid.startswith("tests/sandbox/isolation/"))
     for item in items:
-        if item.path.relative_to(here).parts[0] in INSTRUMENTS:
+        if item.nodeid.startswith(INSTRUMENTS):
             item.add_marker(SLOW)
 
 
@@ -60,6 +61,7 @@ def pytest_collection_finish() -> None:
     """What was imported and collected stays to the end: no collector looks at it again, nor copies it in a fork."""
     gc.collect()
     gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture
@@ -151,6 +153,21 @@ def accepted_run(shared_folder: Path, known_scene: Path) -> Path:
     def run() -> None:
         done = grs("run", str(known_scene), "--out", "run", "--set", "audit.seeds=1", "--json", folder=folder.parent)
         assert done.returncode == 0, done.stderr
+
+    return made_once(folder, run)
+
+
+@pytest.fixture(scope="session")
+def sample_run(shared_folder: Path) -> Path:
+    """An accepted run of the sample scene, by its name, made once: to be copied. ``printed.json`` is beside it."""
+    folder = shared_folder / "sample" / "run"
+
+    def run() -> None:
+        with note_preloads() as preloads:
+            done = grs("run", "groceries", "--out", "run", "--json", folder=folder.parent, own_sandbox=True)
+        assert done.returncode == 0, done.stderr
+        assert preloads == [PRELOAD]  # the run's own assets need no second zygote
+        (folder.parent / "printed.json").write_text(done.stdout)
 
     return made_once(folder, run)
 

@@ -19,12 +19,12 @@ README = Path(__file__).parent.parent / "README.md"
 
 
 @pytest.fixture(scope="module")
-def ran(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """What the example in the README has made of the sample scene."""
+def ran(tmp_path_factory: pytest.TempPathFactory, known_scene: Path) -> dict[str, Any]:
+    """What the example in the README has made of a scene that is known."""
     [example] = re.findall(r"## From Python\n\n```python\n(.*?)```", README.read_text("utf-8"), re.DOTALL)
     names: dict[str, Any] = {}
     with contextlib.chdir(tmp_path_factory.mktemp("api")), contextlib.redirect_stdout(io.StringIO()) as printed:
-        exec(example, names)  # the README's own lines
+        exec(example.replace('"groceries"', repr(str(known_scene))), names)
         names["run"].folder = names["run"].folder.resolve()
     return names | {"printed": printed.getvalue()}
 

@@ -62,9 +62,9 @@ def test_what_lacks_is_counted_and_made_up_for(programs: Path) -> None:
     assert (status, "1 passed, 2 skipped" in said) == (0, True), said
     assert "bwrap (" not in said
     (programs / "chromedriver").symlink_to("/bin/true")
-    status, said = session(programs, *options, "--skipped")
+    status, said = session(programs, "--skipped")
     assert (status, "2 passed" in said, "for want of" in said) == (0, True, False), said
-    status, said = session(programs, *options, "--skipped")
+    status, said = session(programs, "--skipped")
     assert status == 0
     assert "the last session skipped nothing" in said
 

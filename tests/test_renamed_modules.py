@@ -31,7 +31,8 @@ PROBES = [
 ]
 FIRST = """
 import os, sys
-import cv2, langgraph.graph, mujoco, numpy, pydantic, scipy.spatial
+import cv2, langgraph.graph, mujoco, numpy, PIL.Image, pydantic, scipy.optimize, scipy.spatial
+import xml.etree.ElementTree
 
 for probe in PROBES:
     if (child := os.fork()) == 0:

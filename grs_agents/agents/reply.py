@@ -199,7 +199,13 @@ def extract_python_program(text: str, base: Literal["Task", "TestCase"] = "Task"
     body = chosen.body.strip("\n").rstrip()
     if not body:
         raise ReplyError("the python block is empty")
-    before = [block.body for _, block in ranked if block.start < chosen.start and _holds_imports_alone(block.body)]
+    before = [
+        block.body
+        for _, block in ranked
+        if block.start < chosen.start
+        and (statements := _read_statements(block.body))
+        and all(isinstance(item, ast.Import | ast.ImportFrom) for item in statements)
+    ]
     if before and not _IMPORT.search(body):  # a program in two blocks
         body = f"{before[-1].strip()}\n\n\n{body}"
     return body + "\n"
@@ -211,11 +217,6 @@ def _read_statements(text: str) -> list[ast.stmt]:
         return parse_python(text).body
     except (SyntaxError, ValueError, RecursionError, MemoryError):  # MemoryError: too deeply nested
         return []
-
-
-def _holds_imports_alone(text: str) -> bool:
-    statements = _read_statements(text)
-    return bool(statements) and all(isinstance(item, ast.Import | ast.ImportFrom) for item in statements)
 
 
 def _read_only_text(text: str) -> str:

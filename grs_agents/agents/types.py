@@ -128,10 +128,6 @@ def _read_items(value: Any) -> Any:
     return () if value is None or value == {} else [value] if isinstance(value, dict) else value
 
 
-def _read_null_text(value: Any) -> Any:
-    return "" if value is None else value
-
-
 def _fill_number(table: dict[Any, Any]) -> dict[Any, Any]:
     """The segment's number under another key than ``id``."""
     named = [key for key in table if _letters(str(key)) in ("segment", "segmentid", "segmentnumber", "number")]
@@ -144,7 +140,7 @@ PictureBox = Annotated[tuple[_Edge, _Edge, _Length, _Length], BeforeValidator(_r
 """Left, top, width and height, pixels of the picture that the model saw."""
 
 
-Word = Annotated[str, BeforeValidator(_read_null_text)]
+Word = Annotated[str, BeforeValidator(lambda value: "" if value is None else value)]
 NO_OBJECT = ["several things", "robot", "background", "nothing"]
 """Words of a describer in place of ``is_object``."""
 
@@ -385,15 +381,11 @@ class TaskRevision(TaskDefinition):
         return TaskDefinition.model_validate(self.as_json())
 
 
-def _read_verdict(value: Any) -> Any:
-    return "fix_test" if value == "fix_tests" else value
-
-
 class RouterReply(ModelReply):
     """The router's explanation and verdict, in the order in which a model decides."""
 
     explanation: Word = ""
-    verdict: Annotated[Verdict, BeforeValidator(_read_verdict)]
+    verdict: Annotated[Verdict, BeforeValidator(lambda value: "fix_test" if value == "fix_tests" else value)]
 
 
 _JUDGEMENTS: Mapping[str, str] = {

@@ -6,12 +6,10 @@ places of other objects at the start, and distances moved.
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final
-
-import numpy as np
 
 from grs_agents.base import Pose, Vec3
 from grs_agents.base.geometry import transforms
@@ -20,14 +18,14 @@ from grs_agents.perception.types import SceneDescription, SceneObject
 from grs_agents.sim.instance.goal import Goal, Zone
 from grs_agents.sim.instance.task_instance import LONGEST_NAME, InstanceObject, TaskInstance
 from grs_agents.sim.rollouts import Rollout
+from grs_agents.sim.wording.noun_phrases import join_with_and
 from grs_agents.sim.wording.table_state import RESTING, SEEN, TURNED, TableState, name_color, name_object
-from grs_agents.sim.world.footprints import Prism, margins_inside_outline, outline_of_zone
+from grs_agents.sim.world.footprints import Prism
 from grs_agents.sim.world.spec import load_object_model
 
 Json = dict[str, Any]
 _SAME_PLACE: Final = 0.02
 """Horizontal distance (m) within which two centres are at the same place."""
-_POINT: Final = np.zeros((1, 2))
 
 
 @dataclass(frozen=True)
@@ -183,7 +181,7 @@ class _Table:
                 apart = [f"within {goal.required_distance:.2f}"] if kind == "near" else []
                 places = [[f"{how} #{goal.reference_id}", *apart]]
             elif goal.metric == "zone":
-                owners = [self._find_zone_owner(zone, number) for zone in goal.zones]
+                owners = [self.state.find_zone_support(zone, number) for zone in goal.zones]
                 places = [[f"{how} #{owner}" for how, owner in found] for found in owners]
             else:
                 targets = [goal.targets[target] for target in goal.allowed_target_indices(row)]
@@ -203,16 +201,6 @@ class _Table:
             if left and math.dist(pose[0][:2], target[0][:2]) < _SAME_PLACE:
                 yield neighbor
 
-    def _find_zone_owner(self, zone: Zone, number: int) -> list[tuple[str, int]]:
-        """Relation and id of the smallest object that contains a zone; empty if none does."""
-        corners = outline_of_zone(zone)
-        around = [
-            (float(np.ptp(prism.outline, axis=0).prod()), container)
-            for container, prism in self.state.end.items()
-            if container != number and margins_inside_outline(corners, prism.outline, _POINT)[0] >= -SEEN
-        ]
-        return [("in" if min(around)[1] in self.state.walled else "on", min(around)[1])] if around else []
-
     def _list_support_phrases(self, number: int, others: Mapping[int, Prism]) -> list[str]:
         return [f"{how} #{support}" for how, support in self.state.find_supports(others[number], others)]
 
@@ -230,7 +218,7 @@ class _Table:
                 "stacked": "stacked, in this order from the bottom up",
                 "aligned": f"on one line{apart}",
             }.get(str(kind), "standing upright")
-            yield f"{self._list_names(goal.objects)} {_conjugate_end(goal.objects)} {words}"
+            yield f"{join_with_and([self.names[n] for n in goal.objects])} {_conjugate_end(goal.objects)} {words}"
             return
         places: dict[str, list[int]] = {}
         for row, number in enumerate(goal.objects):
@@ -247,15 +235,11 @@ class _Table:
                     allowed += f", turned by {turned:.0f} degrees"
             places.setdefault(allowed, []).append(number)
         for words, numbers in places.items():
-            yield f"{self._list_names(numbers)} {_conjugate_end(numbers)} {words}"
-
-    def _list_names(self, numbers: Iterable[int]) -> str:
-        names = [self.names[number] for number in numbers]
-        return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+            yield f"{join_with_and([self.names[n] for n in numbers])} {_conjugate_end(numbers)} {words}"
 
     def _describe_zone(self, zone: Zone, number: int) -> str:
         """Describe a zone by the smallest object that contains it, else by its size and place."""
-        if owner := self._find_zone_owner(zone, number):
+        if owner := self.state.find_zone_support(zone, number):
             return f"{owner[0][0]} {self.names[owner[0][1]]}"
         x, y, _ = zone.pose[0]
         width, depth = (f"{100 * extent:.0f} cm" for extent in zone.size[:2])

@@ -21,13 +21,10 @@ from grs_agents.perception.types import Mask
 
 def next_step_after_segment(state: RunState, *, runtime: Any) -> Literal["group", "describe"]:
     """The edge after ``segment``: segments are regrouped first, if there is a model that sees them."""
-    return "group" if _is_model_asked(parse_state(state), runtime.context) else "describe"
-
-
-def _is_model_asked(state: RunState, services: Services) -> bool:
-    if services.config.scene.group == "off" or all(item.given for item in state["objects"]):
-        return False  # masks of the user overrule a model
-    return services.agents.sees_pictures("group")
+    services: Services = runtime.context
+    if services.config.scene.group == "off" or all(item.given for item in parse_state(state)["objects"]):
+        return "describe"  # masks of the user overrule a model
+    return "group" if services.agents.sees_pictures("group") else "describe"
 
 
 @logged_node("group")

@@ -14,28 +14,28 @@ from tests.cli.command import Done, grs
 from tests.needs import needs
 
 
-def run_graph(case: str, name: str, photo: Path, tmp_path: Path) -> Done:
-    """``grs run`` of a photo with a graph of a case's content folder."""
+def run_graph(case: str, name: str, scene: Path, tmp_path: Path) -> Done:
+    """``grs run`` of a scene with a graph of a case's content folder."""
     content = copy_case(case, tmp_path)
-    arguments = ("--content", str(content), "run", str(photo), "--set", f"graph={name}", "--out", "run", "-q")
+    arguments = ("--content", str(content), "run", str(scene), "--set", f"graph={name}", "--out", "run", "-q")
     return grs(*arguments, folder=tmp_path)
 
 
-def test_a_coroutine_function_is_a_node(small_scene: Path, tmp_path: Path) -> None:
-    done = run_graph("graph_async_node", "asyncnode", small_scene, tmp_path)
+def test_a_coroutine_function_is_a_node(known_scene: Path, tmp_path: Path) -> None:
+    done = run_graph("graph_async_node", "asyncnode", known_scene, tmp_path)
     assert done.returncode == 0, done.stderr
     assert read_record(tmp_path / "run").status == "accepted"
 
 
-def test_a_graph_that_cannot_be_built_is_refused_in_one_line(small_scene: Path, tmp_path: Path) -> None:
-    done = run_graph("graph_broken_build", "broken", small_scene, tmp_path)
+def test_a_graph_that_cannot_be_built_is_refused_in_one_line(known_scene: Path, tmp_path: Path) -> None:
+    done = run_graph("graph_broken_build", "broken", known_scene, tmp_path)
     assert done.returncode == 2
     assert len(done.stderr.splitlines()) == 1 and "graphs/broken.py:15: ValueError: Need to add_node" in done.stderr
     assert not (tmp_path / "run").exists()
 
 
-def test_an_endless_graph_ends_in_one_line_that_names_the_setting(small_scene: Path, tmp_path: Path) -> None:
-    done = run_graph("graph_endless", "endless", small_scene, tmp_path)
+def test_an_endless_graph_ends_in_one_line_that_names_the_setting(known_scene: Path, tmp_path: Path) -> None:
+    done = run_graph("graph_endless", "endless", known_scene, tmp_path)
     assert done.returncode == 2
     [line] = done.stderr.splitlines()
     assert "graphs/endless.py) did not end within 65 steps" in line and "--set recursion_limit=N" in line

@@ -186,7 +186,7 @@ def test_comprehension_has_one_graph(tmp_path: Path, sample_scene: Path) -> None
     assert_refused(grs("scene", str(sample_scene), "--set", "graph=grs", folder=tmp_path), "grs", "scene")
 
 
-def test_a_graph_of_ones_own_must_come_to_a_verdict(tmp_path: Path, small_scene: Path) -> None:
+def test_a_graph_of_ones_own_must_come_to_a_verdict(tmp_path: Path, known_scene: Path) -> None:
     (tmp_path / "mine" / "graphs").mkdir(parents=True)
     text = content.content_path("graphs", "scene").read_text().replace("VERDICT = False", "VERDICT = True")
     (tmp_path / "mine" / "graphs" / "endless.py").write_text(text)
@@ -194,7 +194,7 @@ def test_a_graph_of_ones_own_must_come_to_a_verdict(tmp_path: Path, small_scene:
         "--content",
         str(tmp_path / "mine"),
         "run",
-        str(small_scene),
+        str(known_scene),
         "--out",
         "run",
         "--set",

@@ -35,7 +35,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder.mkdir()
     script = Script(EventLog(folder / "events.jsonl"), folder)
     script.before_fix()
-    script.after_fix()
+    script.after_fix(seconds=0.5)  # each frame of a film is drawn by rays
     script.log.close()
     RunRecord(
         id="sample-run",

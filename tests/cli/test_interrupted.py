@@ -70,6 +70,7 @@ def test_what_was_answered_at_once_is_not_asked_again(tmp_path: Path, small_scen
     pytest.importorskip("langchain_openai")
     log = tmp_path / "run" / "events.jsonl"
     order = ["run", str(small_scene), "--out", str(tmp_path / "run"), "--json", "--set", "scene.group=off"]
+    order += ["--set", "audit.seeds=1"]
     running: list[subprocess.Popen[bytes]] = []
     started, arrivals = Event(), count(1)
 
@@ -94,7 +95,7 @@ def test_what_was_answered_at_once_is_not_asked_again(tmp_path: Path, small_scen
     assert set(asked.values()) == {1}
 
 
-def test_a_run_that_is_asked_to_end_does_not_wait_for_replies(
+def test_a_run_is_of_one_process_and_does_not_wait_for_replies_when_it_is_asked_to_end(
     tmp_path: Path, small_scene: Path, scripted_server: Any
 ) -> None:
     pytest.importorskip("langchain_openai")
@@ -111,13 +112,20 @@ def test_a_run_that_is_asked_to_end_does_not_wait_for_replies(
     with subprocess.Popen(command(*order, *asking(scripted_server)), stderr=subprocess.DEVNULL) as process:
         try:
             assert asked.wait(120)
+            second = grs(*order, *asking(scripted_server), "--resume", folder=tmp_path)
+            seen = grs("show", str(tmp_path / "run"), folder=tmp_path)
             process.terminate()
             assert process.wait(120) == 130
         finally:
             go_on.set()
+    assert second.returncode == 2
+    assert f"in use by process {process.pid}" in second.stderr and "--out" in second.stderr
+    assert seen.returncode == 0 and "describe" in seen.stdout
     assert json.loads((tmp_path / "run" / "run.json").read_text())["status"] == "interrupted"
-    replies = [event for event in read_events(tmp_path / "run" / "events.jsonl") if isinstance(event, Reply)]
-    assert [reply.answered for reply in replies] == [False] * 3
+    events = read_events(tmp_path / "run" / "events.jsonl")
+    assert [event.sequence for event in events] == list(range(len(events)))
+    assert sum(event.kind == "run_started" for event in events) == 1
+    assert [event.answered for event in events if isinstance(event, Reply)] == [False] * 3
 
 
 @SLOW
@@ -192,33 +200,6 @@ def test_every_file_of_a_run_outlasts_a_power_cut(tmp_path: Path, known_scene: P
     assert {name for name, inode in made.items() if inode not in flushed} <= others
     assert {(tmp_path / "run").stat().st_ino, tmp_path.stat().st_ino} <= flushed
     assert "instances/seed_0.npz" in made and json.loads((tmp_path / "run" / "run.json").read_text())["rewards"]
-
-
-def test_two_processes_do_not_run_in_one_folder(tmp_path: Path, known_scene: Path, scripted_server: Any) -> None:
-    pytest.importorskip("langchain_openai")
-    asked, go_on = Event(), Event()
-
-    def hold() -> None:
-        asked.set()
-        go_on.wait()
-
-    scripted_server.arrived = hold
-    order = ["run", str(known_scene), "--out", str(tmp_path / "run")]
-    with subprocess.Popen(command(*order, *asking(scripted_server)), stdout=subprocess.DEVNULL) as process:
-        try:
-            assert asked.wait(120)
-            second = grs(*order, *asking(scripted_server), "--resume", folder=tmp_path)
-            seen = grs("show", str(tmp_path / "run"), folder=tmp_path)
-            process.terminate()
-        finally:
-            go_on.set()
-    assert second.returncode == 2
-    assert f"in use by process {process.pid}" in second.stderr and "--out" in second.stderr
-    assert seen.returncode == 0 and "generate_task" in seen.stdout
-    assert process.returncode == 130
-    events = read_events(tmp_path / "run" / "events.jsonl")
-    assert [event.sequence for event in events] == list(range(len(events)))
-    assert sum(event.kind == "run_started" for event in events) == 1
 
 
 @pytest.mark.parametrize("role", ["task", "describe"])

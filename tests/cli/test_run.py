@@ -16,9 +16,7 @@ import pytest
 
 from grs_agents.base.trace.events import Reply
 from grs_agents.base.trace.log import read_events
-from grs_agents.runs.sandbox_setup import PRELOAD
 from tests.cli.command import grs
-from tests.kept_sandbox import note_preloads
 from tests.slow import SLOW, slow_where
 
 FILES = (
@@ -35,14 +33,10 @@ FILES = (
 
 
 @pytest.fixture(scope="module")
-def accepted(tmp_path_factory: pytest.TempPathFactory, sample_scene: Path) -> tuple[Path, dict[str, Any]]:
+def accepted(tmp_path_factory: pytest.TempPathFactory, sample_run: Path) -> tuple[Path, dict[str, Any]]:
     """One run of the sample scene, and what it printed."""
-    folder = tmp_path_factory.mktemp("accepted")
-    with note_preloads() as preloads:
-        done = grs("run", str(sample_scene), "--out", "run", "--json", folder=folder, own_sandbox=True)
-    assert done.returncode == 0, done.stderr
-    assert preloads == [PRELOAD]  # the run's own assets need no second zygote
-    return folder / "run", json.loads(done.stdout)
+    folder = shutil.copytree(sample_run, tmp_path_factory.mktemp("accepted") / "run")
+    return Path(folder), json.loads((sample_run.parent / "printed.json").read_text())
 
 
 def test_the_sample_scene_is_accepted(accepted: tuple[Path, dict[str, Any]]) -> None:
@@ -130,9 +124,9 @@ def test_show_lists_the_steps(accepted: tuple[Path, dict[str, Any]]) -> None:
     assert "generate_sim" in done.stdout and "audit" in done.stdout
 
 
-def test_a_terminated_run_says_so_and_a_tampered_checkpoint_runs_nothing(tmp_path: Path, small_scene: Path) -> None:
+def test_a_terminated_run_says_so_and_a_tampered_checkpoint_runs_nothing(tmp_path: Path, known_scene: Path) -> None:
     out = tmp_path / "run"
-    command = [sys.executable, "-m", "grs_agents", "run", str(small_scene), "--out", str(out), "--json"]
+    command = [sys.executable, "-m", "grs_agents", "run", str(known_scene), "--out", str(out), "--json"]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         while process.poll() is None and '"node":"run_tests"' not in _text(out / "events.jsonl"):

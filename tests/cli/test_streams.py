@@ -2,6 +2,7 @@
 
 import os
 import resource
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -9,11 +10,11 @@ from typing import IO
 
 import pytest
 
-from tests.cli.test_foreign_folder import made, run
+from tests.cli.test_foreign_folder import made
 from tests.needs import needs
 from tests.slow import SLOW
 
-__all__ = ["made", "run"]
+__all__ = ["made"]
 
 VERBS = (
     ("show", "run"),
@@ -23,6 +24,15 @@ VERBS = (
     pytest.param(("report", "run", "--out", "-"), marks=SLOW),
 )
 """Each in a process of its own."""
+
+
+@pytest.fixture
+def run(made: Path, tmp_path: Path) -> Path:
+    """A copy of a run that ends before its audit: a film would be drawn anew in each process."""
+    folder = Path(shutil.copytree(made, tmp_path / "run"))
+    before_audit, _, _ = (folder / "events.jsonl").read_text("utf-8").partition('"kind":"rollout"')
+    (folder / "events.jsonl").write_text(before_audit[: before_audit.rindex("\n") + 1], "utf-8")
+    return folder
 
 
 def call(

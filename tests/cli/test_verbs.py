@@ -235,19 +235,19 @@ LONG = "a folder of runs whose name is long/and another in it whose name is long
 
 
 @pytest.fixture(scope="module")
-def groceries(tmp_path_factory: pytest.TempPathFactory) -> tuple[Done, Path]:
-    """The sample scene, comprehended where a terminal has 80 columns, in a folder whose path is longer than a line."""
+def groceries(tmp_path_factory: pytest.TempPathFactory, sample_run: Path) -> tuple[Done, Path]:
+    """The sample scene, taken over where a terminal has 80 columns, into a folder whose path is longer than a line."""
     folder = tmp_path_factory.mktemp("groceries")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("COLUMNS", "80")
-        return grs("scene", "groceries", "--out", LONG, folder=folder), folder / LONG
-
-
-def test_a_sample_scene_is_found_by_its_name(tmp_path: Path, groceries: tuple[Done, Path]) -> None:
-    assert "groceries" in json.loads(grs("list", "--json", folder=tmp_path).stdout)["scenes"]
-    done, folder = groceries
+        done = grs("scene", str(sample_run), "--out", LONG, folder=folder)
     assert done.returncode == 0, done.stderr
-    assert json.loads((folder / "run.json").read_text())["counts"]["candidates"] > 5
+    return done, folder / LONG
+
+
+def test_a_sample_scene_is_found_by_its_name(tmp_path: Path, sample_run: Path) -> None:
+    assert "groceries" in json.loads(grs("list", "--json", folder=tmp_path).stdout)["scenes"]
+    assert json.loads((sample_run / "run.json").read_text())["counts"]["candidates"] > 5
     (tmp_path / "groceries").mkdir()
     own = grs("scene", "groceries", folder=tmp_path)
     assert own.returncode == 2 and "groceries/rgb.png" in own.stderr

@@ -1,6 +1,7 @@
 """A person corrects a scene act by act, and the edits replayed without a page give the same scene."""
 
 import json
+import shutil
 from collections.abc import Generator
 from pathlib import Path
 
@@ -35,9 +36,9 @@ from tests.scene_editing import open_editor
 
 
 @pytest.fixture(scope="module")
-def opened(tmp_path_factory: pytest.TempPathFactory, sample_scene: Path) -> Generator[SceneEditor]:
+def opened(tmp_path_factory: pytest.TempPathFactory, sample_run: Path) -> Generator[SceneEditor]:
     """The sample scene, opened once; each test leaves it as it was."""
-    with open_editor(sample_scene, tmp_path_factory.mktemp("edited") / "scene") as editor:
+    with open_editor(sample_run, tmp_path_factory.mktemp("edited") / "scene") as editor:
         yield editor
 
 
@@ -240,8 +241,10 @@ def test_a_graph_with_review_asks_for_the_edits(known_scene: Path, tmp_path: Pat
     assert f"<li>{name} is renamed to oat_milk_1</li>" in (tmp_path / "run/report.html").read_text()
 
 
-def test_a_real_photo_without_calibration_is_corrected_and_replayed(real_scenes: Path, tmp_path: Path) -> None:
-    source = real_scenes / "uois_6"
+def test_a_photo_without_calibration_is_corrected_and_replayed(small_scene: Path, tmp_path: Path) -> None:
+    source = Path(shutil.copytree(small_scene, tmp_path / "photo"))
+    camera = json.loads((source / "camera.json").read_text())
+    (source / "camera.json").write_text(json.dumps({key: camera[key] for key in camera if key != "T_robot_cam"}))
     with open_editor(source, tmp_path / "edited") as editor:
         first, second, third, *_ = (item.name for item in editor.scene.objects)
         before = named(editor.scene)[third].position

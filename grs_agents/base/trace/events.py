@@ -67,11 +67,11 @@ _LONGEST_NAME = 200
 """Characters: a name is measured, drawn and repeated in each view; a model's or node's name has some 20."""
 
 
-def _cut_name(name: str) -> str:
-    return name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 1]}…"
-
-
-Name = Annotated[str, BeforeValidator(replace_surrogates), AfterValidator(_cut_name)]
+Name = Annotated[
+    str,
+    BeforeValidator(replace_surrogates),
+    AfterValidator(lambda name: name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 1]}…"),
+]
 """A name, cut if it is longer than any that GRS writes."""
 JsonObject = Annotated[dict[str, Any], BeforeValidator(to_plain_json)]
 """A JSON object; equal to itself after a trip through a file."""

@@ -13,6 +13,7 @@ from itertools import pairwise
 from typing import Any, Final, Literal, cast
 
 from grs_agents.agents.types import TaskDefinition
+from grs_agents.models.offline.judging.grammar import make_singular
 from grs_agents.sim.instance.episode import ActionRecord, ObjectMotion
 from grs_agents.sim.world.colors import COLORS
 
@@ -232,7 +233,7 @@ def read_task_words(task: TaskDefinition, scene: str) -> WordedTask:
                 spoken += f" {item.get('name', '')} {item.get('category', '')} {item.get('color', '')}"
                 colors[asset] = str(item.get("color", ""))
         plain = {word for word in re.findall(r"[a-z]+", spoken.lower()) if word not in ("hope", "template", "urdf")}
-        plain |= {_make_singular(word) for word in plain}
+        plain |= {make_singular(word) for word in plain}
         words[asset] = plain | {name for word in plain for name in _ALSO_CALLED.get(word, ())}
     half_widths = {
         str(item["asset"]): max(float(extent) for extent in item["size"][:2]) / 2 + _MARGIN
@@ -271,7 +272,7 @@ def read_task_words(task: TaskDefinition, scene: str) -> WordedTask:
     plain = description
     for said in (_BOTTOM_UP, _BY_HEIGHT, _STAYING, _OWN_COLOR):
         plain = said.sub(" ", plain)
-    unread += sorted({word for word in re.findall(r"[a-z]+", plain) if not {word, _make_singular(word)} & known})
+    unread += sorted({word for word in re.findall(r"[a-z]+", plain) if not {word, make_singular(word)} & known})
     in_time, unread = bool(_IN_TIME.search(description)), [*unread, *sorted(set(task.assets) - named)]
     row: tuple[str, ...] = ()
     begins, evenly = _ROW.search(description), bool(_EVENLY.search(description))
@@ -350,21 +351,15 @@ def _find_assets_meant(phrase: str, words: Mapping[str, set[str]]) -> list[str]:
     """The assets that a phrase names; none if it fits several equally and is no plural."""
     spoken = re.findall(r"[a-z]+", _OWN_COLOR.sub(" ", phrase))
     vocabulary = set[str]().union(*words.values())
-    while spoken and not {spoken[-1], _make_singular(spoken[-1])} & vocabulary:
+    while spoken and not {spoken[-1], make_singular(spoken[-1])} & vocabulary:
         spoken.pop()
-    plain = [_make_singular(word) for word in spoken]
+    plain = [make_singular(word) for word in spoken]
     last = {*spoken[-1:], *plain[-1:]}
     scores = {asset: len(known & {*spoken, *plain}) for asset, known in words.items()}
     scores = {asset: score for asset, score in scores.items() if words[asset] & last} or scores
     best = max(scores.values(), default=0)
     meant = [asset for asset, score in scores.items() if score == best > 0]
     return meant if len(meant) == 1 or len(last) == 2 or {"each", "every"} & {*spoken} else []
-
-
-def _make_singular(word: str) -> str:
-    if word.endswith(("ches", "shes", "xes", "sses")):
-        return word[:-2]
-    return word[:-1] if word.endswith("s") and not word.endswith("ss") else word
 
 
 def _select_motions_of_asset(asset: str, motions: Sequence[ObjectMotion]) -> list[ObjectMotion]:

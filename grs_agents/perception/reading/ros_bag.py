@@ -367,7 +367,12 @@ def _read_view(bag: _Bag, topic: ImageTopic, size: tuple[int, int]) -> View | No
     infos = bag.topics_of_type(CAMERA_INFO)
     name = next((name for name in topic.camera_info_names if name in infos), None)
     if name is None:
-        fitting = [info for info in infos[:MOST_TOPICS] if _is_camera_of(bag.first(info), topic, size)]
+        cameras = {info: bag.first(info) for info in infos[:MOST_TOPICS]}
+        fitting = [
+            info
+            for info, camera in cameras.items()
+            if str(camera.header.frame_id) == topic.frame_id != "" and (int(camera.width), int(camera.height)) == size
+        ]
         if len(fitting) != 1:
             return None
         name = fitting[0]
@@ -388,12 +393,6 @@ def _read_view(bag: _Bag, topic: ImageTopic, size: tuple[int, int]) -> View | No
     values = {"fx": fx, "fy": fy, "cx": cx, "cy": cy, "width": size[0], "height": size[1], "depth_scale": 1.0}
     lens = LensDistortion(str(message.distortion_model), () if rectified else tuple(coefficients), where)
     return View(topic, camera_from_values(values, where), lens)
-
-
-def _is_camera_of(message: Any, topic: ImageTopic, size: tuple[int, int]) -> bool:
-    """Whether a camera_info of another name has the frame and the size of the topic's pictures."""
-    same_frame = topic.frame_id != "" and str(message.header.frame_id) == topic.frame_id
-    return same_frame and (int(message.width), int(message.height)) == size
 
 
 def _share_grid(color: View, depth: View | None, topic: ImageTopic, pose: FloatArray | None) -> bool:

@@ -50,7 +50,8 @@ def classify_image(topic: str, message: Any, compressed: bool) -> Kind:
         name = str(message.format).lower()
         if "compresseddepth" in name or topic.endswith("/compressedDepth"):
             return "depth"
-        mode = _open_mode(message, topic)
+        with open_picture_bytes(bytes(message.data), topic) as image:
+            mode = image.mode
         if mode[0] in "IF":
             return "unknown" if NOT_DEPTH.search(topic) else "depth"
         return "grey" if mode == "L" else "color"
@@ -108,11 +109,6 @@ def _decode_compressed_depth(message: Any, where: str) -> RecordedDepth:
     with np.errstate(all="ignore"):
         metres = np.float32(factor) / (units.astype(np.float32) - np.float32(offset))
     return RecordedDepth(np.where(units > 0, metres, np.float32(0)), 1.0, where, SCALE_SOURCE)
-
-
-def _open_mode(message: Any, where: str) -> str:
-    with open_picture_bytes(bytes(message.data), where) as image:
-        return image.mode
 
 
 def _pixels_of_message(message: Any, channels: int, dtype: "np.dtype[Any]", where: str) -> "npt.NDArray[Any]":

@@ -157,11 +157,6 @@ class InstanceTable(Frozen):
         return {key: value for key, value in fields.items() if key != "texture" or value is not None}
 
 
-def _is_default_hand(hand: str) -> bool:
-    """Whether to leave a hand out of the JSON: instances without the field have the suction cup."""
-    return hand == DEFAULT_HAND
-
-
 class TaskInstance(Frozen):
     """A simulated task for a seed: all that a trusted process needs to build, run and score it."""
 
@@ -183,8 +178,9 @@ class TaskInstance(Frozen):
     # set by trusted code: the arm ("ur5e", "panda" or the path of an MJCF file, in a saved instance relative to its
     # folder), the photo's camera (None without a photo), the light, and the table in the colour of the photo
     robot: Annotated[str, Field(min_length=1, max_length=4096)] = "ur5e"
-    # set by trusted code: the hand at its flange ("suction", "franka_hand", "robotiq_2f85")
-    hand: Annotated[str, Field(min_length=1, max_length=100, exclude_if=_is_default_hand)] = DEFAULT_HAND
+    # set by trusted code: the hand at its flange ("suction", "franka_hand", "robotiq_2f85"); the JSON leaves out the
+    # suction cup, which instances without the field have
+    hand: Annotated[str, Field(min_length=1, max_length=100, exclude_if=DEFAULT_HAND.__eq__)] = DEFAULT_HAND
     camera: InstanceCamera | None = None
     light: InstanceLight = InstanceLight()
     table: InstanceTable = InstanceTable()

@@ -12,7 +12,7 @@ from grs_agents.base.geometry import transforms
 from grs_agents.sim.instance.goal import Goal, Zone
 from grs_agents.sim.wording.noun_phrases import NounPhrases
 from grs_agents.sim.wording.table_state import SEEN, TURNED, TableState
-from grs_agents.sim.world.footprints import distance_between_outlines, margins_inside_outline, outline_of_zone
+from grs_agents.sim.world.footprints import distance_between_outlines, margins_inside_outline
 
 _SAME_PLACE: Final = 0.02
 """Horizontal distance (m) within which two centres are at the same place."""
@@ -47,15 +47,7 @@ class PlacePhrases:
 
     def describe_zone(self, zone: Zone, number: int) -> Place:
         """Describe a zone by the smallest object that contains it, else by its size and middle."""
-        corners = outline_of_zone(zone)
-        around = [
-            (float(np.ptp(prism.outline, axis=0).prod()), container)
-            for container, prism in self.table.end.items()
-            if container != number and margins_inside_outline(corners, prism.outline, _POINT)[0] >= -SEEN
-        ]
-        if around:
-            container = min(around)[1]
-            how = "in" if container in self.table.walled else "on"
+        for how, container in self.table.find_zone_support(zone, number):
             return Place(f"{how} {self.nouns.name(container)}", (container,))
         x, y, _ = zone.pose[0]
         width, depth = (f"{100 * extent:.0f}" for extent in zone.size[:2])

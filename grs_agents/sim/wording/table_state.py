@@ -14,6 +14,7 @@ from grs_agents.base.geometry import transforms
 from grs_agents.library.colors import color_name_from_rgb
 from grs_agents.library.library import Library
 from grs_agents.sim import utils
+from grs_agents.sim.instance.goal import Zone
 from grs_agents.sim.instance.task_instance import InstanceObject, TaskInstance
 from grs_agents.sim.world.collision_volumes import measure_inner_size
 from grs_agents.sim.world.footprints import (
@@ -21,6 +22,7 @@ from grs_agents.sim.world.footprints import (
     distance_between_outlines,
     margins_inside_outline,
     object_prism_at_pose,
+    outline_of_zone,
 )
 from grs_agents.sim.world.spec import load_object_model
 
@@ -161,6 +163,16 @@ class TableState:
             ):
                 supports.append(("on", number))
         return supports
+
+    def find_zone_support(self, zone: Zone, number: int) -> list[tuple[str, int]]:
+        """Relation and id of the smallest other object that contains a zone at the end; empty if there is none."""
+        corners = outline_of_zone(zone)
+        around = [
+            (float(np.ptp(prism.outline, axis=0).prod()), container)
+            for container, prism in self.end.items()
+            if container != number and margins_inside_outline(corners, prism.outline, _POINT)[0] >= -SEEN
+        ]
+        return [("in" if min(around)[1] in self.walled else "on", min(around)[1])] if around else []
 
 
 def predict_final_poses(instance: TaskInstance) -> dict[int, Pose]:

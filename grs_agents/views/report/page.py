@@ -55,7 +55,11 @@ def render_html_report(record: dict[str, Any], events: Sequence[Event], sources:
         view=view,
         view_problem=view_problem,
         objects=pictures.describe_objects(events, photo, sources.folder),
-        programs=list(_read_last_programs(events, sources.folder)),
+        programs=[
+            (event, read_bytes(file).decode("utf-8", "replace"))
+            for event in {event.program: event for event in events if isinstance(event, ProgramVersion)}.values()
+            if (file := find_member_file(sources.folder, event.path)) is not None
+        ],
         figures=[
             (key.replace("_", " "), value)
             for key, value in (*counts.items(), *((f"seconds of {key}", value) for key, value in seconds.items()))
@@ -156,11 +160,3 @@ def _list_failures(step: Step) -> Iterator[tuple[str, str]]:
 
 def _join_case_text(case: dict[str, Any]) -> str:
     return "\n".join(str(case[key]).rstrip() for key in ("message", "traceback", "output") if case.get(key))
-
-
-def _read_last_programs(events: Sequence[Event], folder: Path) -> Iterator[tuple[ProgramVersion, str]]:
-    """Last version of both programs with its source."""
-    for event in {event.program: event for event in events if isinstance(event, ProgramVersion)}.values():
-        file = find_member_file(folder, event.path)
-        if file is not None:
-            yield event, read_bytes(file).decode("utf-8", "replace")

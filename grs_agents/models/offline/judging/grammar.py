@@ -213,12 +213,18 @@ class _Parser:
             raise NotUnderstood(f"not understood: {verb}")
         request.first, request.last, request.after = bool(when & _FIRST), bool(when & _LAST), bool(when & _THEN)
         self.requests.append(request)
-        self._parse_objects(request)
+        while (phrase := self._parse_noun_phrase()) is not None:
+            request.objects.append(phrase)
+            if not self._continue_list():
+                break
+        _share_nouns(request.objects)
         while self.at < len(self.tokens):
             token = self._peek()
             if token in _PREPOSITIONS:
                 self.at += 1
-                self._parse_place(request, cast(How, token))
+                if (place := self._parse_noun_phrase()) is None:
+                    raise NotUnderstood(f"not understood: {token} {self._peek()}")
+                request.places.append((cast(How, token), place))
             elif token in FLAGS:
                 request.flags.add(token)
                 self.at += 1
@@ -233,19 +239,6 @@ class _Parser:
                 return
             else:
                 raise NotUnderstood(f"not understood: {token}")
-
-    def _parse_objects(self, request: Request) -> None:
-        while (phrase := self._parse_noun_phrase()) is not None:
-            request.objects.append(phrase)
-            if not self._continue_list():
-                break
-        _share_nouns(request.objects)
-
-    def _parse_place(self, request: Request, how: How) -> None:
-        phrase = self._parse_noun_phrase()
-        if phrase is None:
-            raise NotUnderstood(f"not understood: {how} {self._peek()}")
-        request.places.append((how, phrase))
 
     def _continue_list(self) -> bool:
         """Pass a comma or ``and`` before another noun phrase."""
