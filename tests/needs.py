@@ -115,6 +115,7 @@ NEEDS = {
     "browser": Need(lambda: shutil.which("chromedriver") is not None, "apt-get install chromium chromium-driver"),
     "real scenes": Need(REAL_SCENES.is_dir, f"put them into {REAL_SCENES.parent.name}/{REAL_SCENES.name} beside"),
     **{package: _package(package, "pip install onnx onnxruntime") for package in ("onnx", "onnxruntime")},
+    "lerobot": _package("lerobot", "pip install lerobot, which moves numpy and pillow: in a venv of its own"),
     "torch": _package("torch", 'pip install "grs-agents[sam2]"'),
     "transformers": _package("transformers", 'pip install "grs-agents[sam2]"'),
     **{

@@ -110,7 +110,7 @@ EvaluatedSuite = Annotated[
     Path | None, typer.Option("--suite", help="The suite of the evaluation, for --episode.", metavar="DIR")
 ]
 RunStatus = Literal["running", "accepted", "rejected", "failed", "interrupted", "waiting"]
-_POLICY = "oracle, random, openpi:ws://HOST:PORT or package.module:Class."
+_POLICY = "oracle, random, lerobot:PATH, openpi:ws://HOST:PORT or package.module:Class."
 _HUB = "Upload the data set to the Hugging Face Hub; one that is there already, too."
 _LATENCY = "Simulated seconds that the robot waits for each reply."
 _PERTURB = "Draw these, each by itself and together: camera, light, table, pose, distractors, mass, friction, words."

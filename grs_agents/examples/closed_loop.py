@@ -2,10 +2,12 @@
 
 grs demos runs/boxes --control ee_delta --episodes 200 --replays 3 --camera none
 python -m grs_agents.examples.closed_loop runs/boxes --steps 36000 --episodes 50
+python -m grs_agents.examples.closed_loop runs/boxes --camera front    # demonstrations with pictures, see the docs
 """
 
 import argparse
 import time
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -13,9 +15,11 @@ import pyarrow.parquet as pq
 import torch
 
 from grs_agents.envs import make_env
+from grs_agents.examples._learning import fit, open_eye
 from grs_agents.tasks.suites.statistics import wilson_interval
 
 CHUNK, TAKEN, BATCH, WIDTH = 16, 8, 256, 256
+VARIATION, SIZE = {"jitter": 0.03, "yaw": 0.5236}, (96, 96)  # m, rad; pixels
 COLUMNS = ("observation.state", "observation.environment_state", "action")
 
 
@@ -41,31 +45,27 @@ def train(data: str, steps: int) -> torch.nn.Module:
     norm.running_mean, norm.running_var, unit = x.mean(0), x.var(0), y.std((0, 1)).clamp(min=1e-3)
     layers = [layer for size in (x.shape[1], WIDTH, WIDTH) for layer in (torch.nn.Linear(size, WIDTH), torch.nn.GELU())]
     net = torch.nn.Sequential(norm, *layers, torch.nn.Linear(WIDTH, y[0].numel()), torch.nn.Unflatten(1, y.shape[1:]))
-    optimizer = torch.optim.AdamW(net.parameters())
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, 1e-3, total_steps=steps)
-    for rows in torch.randint(len(x), (steps, BATCH)):
-        optimizer.zero_grad()
-        ((net(x[rows]) - y[rows]) / unit).abs().mean().backward()
-        optimizer.step()
-        schedule.step()
+    fit(net, lambda rows: ((net(x[rows]) - y[rows]) / unit).abs().mean(), len(x), steps, BATCH)
     return net
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description="Behaviour cloning at 25 Hz.")
     parser.add_argument("run", help="an accepted run; its demonstrations lie in RUN-demos")
-    for name, default in (("steps", 36_000), ("episodes", 50), ("seed", 0)):
-        parser.add_argument(f"--{name}", type=int, default=default)
-    arguments = parser.parse_args()
-    torch.manual_seed(arguments.seed)
+    for name, default in (("camera", ""), ("steps", 36_000), ("looks", 4_000), ("episodes", 50), ("seed", 0)):
+        parser.add_argument(f"--{name}", type=type(default), default=default)
+    given = parser.parse_args()
+    torch.manual_seed(given.seed)
     torch.set_num_threads(1)
-    policy, solved = train(f"{arguments.run.rstrip('/')}-demos", arguments.steps), 0
-    env = make_env(arguments.run, control="ee_delta", variation={"jitter": 0.03, "yaw": 0.5236}).popitem()[1][0]
-    for seed in range(10_000, 10_000 + arguments.episodes):
+    policy, solved = train(data := f"{given.run.rstrip('/')}-demos", given.steps), 0
+    cameras = (given.camera,) if given.camera else ()
+    look = open_eye(data, given.camera, given.looks).look if given.camera else itemgetter("environment_state")
+    env = make_env(given.run, control="ee_delta", variation=VARIATION, cameras=cameras, image_size=SIZE).popitem()[1][0]
+    for seed in range(10_000, 10_000 + given.episodes):
         now, info, chunk = env.reset(seed=seed)[0], {}, []
         while "final_info" not in info:
-            chunk = chunk or list(policy(see(now["agent_pos"], now["environment_state"])).detach().numpy()[0, :TAKEN])
+            chunk = chunk or list(policy(see(now["agent_pos"], look(now))).detach().numpy()[0, :TAKEN])
             now, *_, info = env.step(chunk.pop(0)[None])
         solved += int(info["final_info"]["is_success"][0])
-    rate, minutes = wilson_interval(solved, arguments.episodes), time.process_time() / 60
+    rate, minutes = wilson_interval(solved, given.episodes), time.process_time() / 60
     print(f"solved {solved} of {rate.count} ({rate.low:.0%} to {rate.high:.0%}), {minutes:.1f} CPU minutes in all")

@@ -9,10 +9,11 @@ import re
 import runpy
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from grs_agents.base import Pose
-from grs_agents.envs import GrsEnv
+from grs_agents.envs import GrsEnv, make_env
 from grs_agents.sim import Goal, InstanceObject, TaskInstance
 from grs_agents.tasks.demos.dataset import write_dataset
 from grs_agents.tasks.demos.production import DemoOrder, make_demonstrations
@@ -83,17 +84,48 @@ def test_the_files_of_the_page_on_variations_run(tmp_path: Path, capsys: pytest.
     assert capsys.readouterr().out.splitlines()[-1] == "True"
 
 
-@needs("torch", "pyarrow")
-def test_closed_loop_trains_on_a_data_set_and_acts_in_its_environment(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    write_block_task(tmp_path / "block")
-    task, order = open_task_folder(tmp_path / "block"), DemoOrder(episodes=1, replays=1, control="ee_delta")
-    made = make_demonstrations(task, order, tmp_path / "work", lambda _: None)
-    write_dataset(made, "lerobot", tmp_path / "block-demos", task)
-    monkeypatch.setattr("sys.argv", ["", str(tmp_path / "block"), "--steps", "20", "--episodes", "1"])
+@pytest.fixture(scope="module")
+def demonstrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A task beside its data set with pictures."""
+    folder = tmp_path_factory.mktemp("runs")
+    write_block_task(folder / "block")
+    task = open_task_folder(folder / "block")
+    order = DemoOrder(episodes=1, replays=1, control="ee_delta", cameras=("front", "wrist"), size=(96, 96))
+    made = make_demonstrations(task, order, folder / "work", lambda _: None)
+    write_dataset(made, "lerobot", folder / "block-demos", task)
+    return folder / "block"
+
+
+def run_closed_loop(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> None:
+    """Train briefly, and judge one episode."""
+    monkeypatch.setattr("sys.argv", ["", *arguments, "--steps", "20", "--looks", "5", "--episodes", "1"])
     runpy.run_module("grs_agents.examples.closed_loop", run_name="__main__")
+
+
+@needs("torch", "pyarrow", "av")
+@pytest.mark.parametrize("camera", [(), ("--camera", "front")], ids=["state", "front"])
+def test_closed_loop_trains_on_a_data_set_and_acts_in_its_environment(
+    demonstrated: Path, camera: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run_closed_loop(monkeypatch, str(demonstrated), *camera)
     assert re.match(r"solved [01] of 1 \(\d+% to \d+%\), \d+\.\d CPU minutes in all\n", capsys.readouterr().out)
+
+
+@needs("torch", "pyarrow", "av")
+def test_closed_loop_refuses_a_camera_that_moves(demonstrated: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(SystemExit, match="no pictures of wrist, or it moves; there are front"):
+        run_closed_loop(monkeypatch, str(demonstrated), "--camera", "wrist")
+
+
+@needs("torch", "pyarrow", "av")
+def test_the_eye_finds_what_it_has_seen(demonstrated: Path) -> None:
+    learning, torch = importlib.import_module("grs_agents.examples._learning"), importlib.import_module("torch")
+    torch.manual_seed(0)
+    eye = learning.open_eye(f"{demonstrated}-demos", "front", 80)
+    env = make_env(str(demonstrated), control="ee_delta", cameras=("front",), image_size=(96, 96)).popitem()[1][0]
+    now, _ = env.reset(seed=0)
+    env.close()
+    np.testing.assert_allclose(eye.look(now)[0, :2], now["environment_state"][0, :2], atol=0.01)
 
 
 def test_behaviour_cloning_learns(

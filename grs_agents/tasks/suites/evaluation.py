@@ -31,7 +31,15 @@ from grs_agents.sim.world.recording import MotionRecording
 from grs_agents.tasks.envs.gym_environment import GrsEnv
 from grs_agents.tasks.suites.layouts import CAMERA, ActionLayout, Layout
 from grs_agents.tasks.suites.perturbation import Effect, Factor, PerturbedEpisode, Trial, fit_effects, perturb_episode
-from grs_agents.tasks.suites.policies import OWN_UNITS, EpisodeStart, Policy, PolicyFailure, check_policy, make_policy
+from grs_agents.tasks.suites.policies import (
+    OWN_UNITS,
+    EpisodeStart,
+    Policy,
+    PolicyFailure,
+    check_policy,
+    fit_layout_to_policy,
+    make_policy,
+)
 from grs_agents.tasks.suites.statistics import (
     Interval,
     PairedComparison,
@@ -211,10 +219,12 @@ def make_order(folder: Path, policy: str, layout: Layout, **settings: Any) -> Ev
     """The order for the suite in ``folder``.
 
     Raises:
-        InputError: the suite cannot be used, a task or wording is not in it, or the layout is for another robot.
+        InputError: the suite cannot be used, a task or wording is not in it, or the layout lacks observations of the
+            policy.
     """
     suite = read_suite(folder)
     digest = sha256((folder / FILE).read_bytes()).hexdigest()
+    layout = fit_layout_to_policy(policy, layout)
     try:
         order = EvaluationOrder(suite=digest, policy=policy, layout=layout, **settings)
     except ValidationError as error:

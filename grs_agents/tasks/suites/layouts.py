@@ -111,6 +111,7 @@ PRESETS: Final[Mapping[str, Layout]] = {
     "lerobot": Layout(
         observation={
             "observation.state": "+".join(AGENT_STATE),
+            "observation.velocity": "joint_velocities",
             "observation.environment_state": "+".join(TASK_STATE),
             "observation.images.front": "camera:front",
             "observation.images.wrist": "camera:wrist",

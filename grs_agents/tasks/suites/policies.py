@@ -1,10 +1,11 @@
-"""Policies under evaluation: the expert, random actions, a Python class, or a server of openpi's protocol."""
+"""Policies under evaluation: the expert, random actions, a class, a checkpoint of LeRobot, a server of openpi's."""
 
 import importlib
 import inspect
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final, Protocol, cast
 
 import numpy as np
@@ -17,9 +18,10 @@ from grs_agents.tasks.demos.production import expert_actions, record_expert
 from grs_agents.tasks.envs.controls import LARGEST_VELOCITY, JointVelocityControl
 from grs_agents.tasks.envs.task_episode import TaskEpisode
 from grs_agents.tasks.suites.layouts import Layout, Observation
+from grs_agents.tasks.suites.lerobot_checkpoint import LerobotCheckpoint, fit_layout
 from grs_agents.tasks.suites.openpi_client import OpenpiClient
 
-NAMES: Final = ("oracle", "random", "openpi:ws://HOST:PORT", "package.module:Class")
+NAMES: Final = ("oracle", "random", "lerobot:PATH", "openpi:ws://HOST:PORT", "package.module:Class")
 OWN_UNITS: Final = ("oracle", "random")
 """Policies that act in the units of the control, whatever the layout."""
 _CLASS = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
@@ -116,19 +118,38 @@ class ClassPolicy:
         reset = getattr(self._custom, "reset", None)
         if reset is not None:
             arguments = (start.instruction,) if inspect.signature(reset).parameters else ()
-            self._call(reset, *arguments)
+            _call(reset, *arguments)
 
     def act(self, observation: Observation) -> Any:
         """The object's reply."""
-        return self._call(self._custom.act, observation)
+        return _call(self._custom.act, observation)
 
-    def _call(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        try:
-            return function(*arguments)
-        except TimeoutError:
-            raise
-        except Exception as error:
-            raise PolicyFailure("policy_error", f"{type(error).__name__}: {error}") from error
+
+def _call(function: Callable[..., Any], *arguments: Any) -> Any:
+    """Call foreign code. Raises PolicyFailure: it raised an exception; TimeoutError is passed on."""
+    try:
+        return function(*arguments)
+    except TimeoutError:
+        raise
+    except Exception as error:
+        raise PolicyFailure("policy_error", f"{type(error).__name__}: {error}") from error
+
+
+class LerobotPolicy:
+    """A checkpoint of LeRobot's policies."""
+
+    def __init__(self, folder: Path) -> None:
+        self._checkpoint = LerobotCheckpoint(folder)
+
+    def reset(self, start: EpisodeStart) -> None:
+        """Seed the policy and clear what it keeps between steps. Raises InputError: its actions are not the task's."""
+        self._checkpoint.check_action(len(start.low))
+        self._instruction = start.instruction
+        _call(self._checkpoint.reset, start.seed)
+
+    def act(self, observation: Observation) -> Any:
+        """The next action (D,). Raises InputError: the observation has other shapes than the training's."""
+        return _call(self._checkpoint.act, self._checkpoint.make_batch(observation, self._instruction))
 
 
 def make_policy(name: str, layout: Layout, timeout: float) -> Policy:
@@ -145,10 +166,18 @@ def make_policy(name: str, layout: Layout, timeout: float) -> Policy:
     kind, _, rest = name.partition(":")
     if kind == "openpi":
         return OpenpiPolicy(rest, timeout)
+    if kind == "lerobot":
+        return LerobotPolicy(Path(rest))
     if _CLASS.fullmatch(name):
         custom = _find_class(kind, rest)()
         return custom if isinstance(custom, ExpertPolicy) else ClassPolicy(custom)
     raise UnknownNameError("policy", name, NAMES)
+
+
+def fit_layout_to_policy(name: str, layout: Layout) -> Layout:
+    """The layout as the policy of a name takes it. Raises InputError: the layout lacks observations of the policy."""
+    kind, _, rest = name.partition(":")
+    return fit_layout(Path(rest), layout) if kind == "lerobot" else layout
 
 
 def check_policy(name: str, layout: Layout, timeout: float) -> None:
