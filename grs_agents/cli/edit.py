@@ -11,14 +11,18 @@ from grs_agents.base.terminal import print_escaped
 from grs_agents.base.trace.events import Event, NodeEnded
 from grs_agents.base.trace.log import EventLog
 from grs_agents.cli.run_outputs import write_report
-from grs_agents.perception.edits import read_edits
+from grs_agents.graph.editing import REVIEW
+from grs_agents.perception.edits import FILE, read_edits
+from grs_agents.perception.reading.known_scene import is_known_scene
 from grs_agents.perception.reading.scene_source import resolve_scene_path
 from grs_agents.runs.execution import execute_run
+from grs_agents.runs.record import read_record
 from grs_agents.runs.run_opening import RunOrder
 from grs_agents.runs.scene_editor import SceneEditor, open_scene_editor
 from grs_agents.views.common.event_steps import format_event_line
+from grs_agents.views.edit_page.editor import EndedRun
 from grs_agents.views.edit_page.guard import GuardedServer
-from grs_agents.views.edit_page.page import EditPage, EndedRun
+from grs_agents.views.edit_page.page import EditPage
 from grs_agents.views.live_views import attach_live_views
 
 
@@ -35,10 +39,11 @@ def edit_scene(
     given = () if edits is None else read_edits(edits).edits
     server = GuardedServer(port)  # a taken port is an error before perception
     try:
-        with open_scene_editor(resolve_scene_path(scene), out, perception, attach_live_views) as editor:
+        source = resolve_scene_path(scene)
+        with open_scene_editor(source, out, perception, attach_live_views) as editor:
             for edit in given:
                 editor.apply(edit)
-            page = EditPage(editor, server, partial(_go_on, editor, config))
+            page = EditPage(editor, server, partial(_go_on, source, editor, config))
             print_escaped(f"{editor.folder}: correct the scene at {server.address}")
             print_escaped("Ctrl-C saves and ends.")
             if browser:
@@ -51,7 +56,16 @@ def edit_scene(
     return 0
 
 
-def _go_on(editor: SceneEditor, config: EffectiveConfig, show: Callable[[str], None]) -> EndedRun:
+def order_run(source: Path, folder: Path, config: EffectiveConfig) -> RunOrder:
+    """The run from a saved scene: that of ``source`` goes on if it waits for a review, else a new one begins."""
+    record = read_record(source) if is_known_scene(source) else None
+    if record is None or record.question is None or record.question.text != REVIEW:
+        return RunOrder("run", folder, config)
+    reply = str((folder / FILE).resolve())
+    return RunOrder(record.command, Path(record.source), config, source, resume=True, reply=reply, recorded_source=True)
+
+
+def _go_on(source: Path, editor: SceneEditor, config: EffectiveConfig, show: Callable[[str], None]) -> EndedRun:
     """Run the graph from the saved scene."""
 
     @contextmanager
@@ -64,7 +78,7 @@ def _go_on(editor: SceneEditor, config: EffectiveConfig, show: Callable[[str], N
         with attach_live_views(folder, log, progress=False):
             yield
 
-    ended = execute_run(RunOrder("run", editor.folder, config), views)
+    ended = execute_run(order_run(source, editor.folder, config), views)
     if ended.problem is not None:
         raise ended.problem
     report = write_report(ended.folder, None, lambda _: None)

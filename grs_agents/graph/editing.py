@@ -18,7 +18,7 @@ from grs_agents.base.foreign.files import path_exists
 from grs_agents.base.geometry.transforms import matrix_to_quaternion, rotation_about_z, to_vec3
 from grs_agents.base.questions import ask_person
 from grs_agents.base.trace.events import SceneStage
-from grs_agents.base.trace.log import read_events
+from grs_agents.base.trace.log import EventLog, read_events
 from grs_agents.graph.perceive import (
     find_recorded_camera,
     log_edits,
@@ -78,6 +78,7 @@ from grs_agents.perception.proxies.box_clipping import EstimatedVolume
 from grs_agents.perception.proxies.proxy import primitive_proxy, write_edited_asset
 from grs_agents.perception.registration.size_check import enclosing_aabb
 from grs_agents.perception.segmentation.candidates import measure_candidates
+from grs_agents.perception.settling.groups import GroupSettler
 from grs_agents.perception.settling.proxy_placement import (
     PlacedProxy,
     extend_box_to_support,
@@ -111,6 +112,8 @@ from grs_agents.sim.world.footprints import (
 
 BEFORE: Final = "scene/before_edits.json"
 """The description of the scene before its edits, in the folder of a corrected scene."""
+REVIEW: Final = "Is the scene right? Go on, or name a file of edits."
+"""Question of a run that a person reviews."""
 BY_PERSON: Final = "person"
 """Method of the match of an asset that a person chose."""
 REBUILT: Final = MatchEvidence(match="no_asset", method=BY_PERSON, confidence=1.0, reason="rebuilt, by a person")
@@ -222,7 +225,8 @@ def apply_edit(scene: EditedScene, edit: Edit, services: Services) -> EditedScen
             mask = _mask_of_rectangle(scene, edit.rectangle, edit.runs, services)
             covered = [t for t in scene.objects if 2 * np.count_nonzero(t.mask & mask) > np.count_nonzero(t.mask)]
             scene = _add_object(_without(scene, covered), mask, services)
-            line = f"{scene.objects[-1].item.name} is added at {edit.rectangle}"
+            gone = " and ".join(edited.item.name for edited in covered)
+            line = f"{scene.objects[-1].item.name} is added{f' in place of {gone}' if gone else ''}"
         case Merge():
             pieces = list(dict.fromkeys(scene.find(place) for place in edit.places))
             names = " and ".join(edited.item.name for edited in pieces)
@@ -247,8 +251,8 @@ def apply_edit(scene: EditedScene, edit: Edit, services: Services) -> EditedScen
             line = f"{whole.item.name} is split into {' and '.join(t.item.name for t in scene.objects[-2:])}"
         case Delete():
             edited = scene.find(edit.place)
-            line = f"{edited.item.name} is no object"
-            scene = _remove(scene, edited, "deleted by a person")
+            line, riders = f"{edited.item.name} is no object", _riders(scene, edited, services.library)
+            scene = _drop(_remove(scene, edited, "deleted by a person"), riders, services.library)
         case Mark(kind="container"):
             edited = scene.find(edit.place)
             line = f"{edited.item.name} is a container"
@@ -509,15 +513,19 @@ def find_overlaps(
     scene: EditedScene, edited: EditedObject, position: tuple[float, float], yaw: float, library: Library
 ) -> tuple[str, ...]:
     """Names of the objects that an object would stand in, or half on, at another position (m) and yaw (rad)."""
-    _, overlaps = _lower(scene, edited, position, yaw, library)
+    _, overlaps = _lower(scene, edited, position, yaw, _riders(scene, edited, library), library)
     return overlaps
 
 
 def _lower(
-    scene: EditedScene, edited: EditedObject, position: tuple[float, float], yaw: float, library: Library
+    scene: EditedScene,
+    edited: EditedObject,
+    position: tuple[float, float],
+    yaw: float,
+    riders: Sequence[EditedObject],
+    library: Library,
 ) -> tuple[Pose, tuple[str, ...]]:
     """The pose of an object lowered onto the table or the object below, and the names of those that it overlaps."""
-    riders = _riders(scene, edited, library)
     turn = rotation_about_z(yaw) @ matrix_from_quaternion(edited.pose[1])
     aloft: Pose = (*position, edited.pose[0][2]), matrix_to_quaternion(turn)
     (instance,) = to_instance_objects([PlacedObject(edited.item.asset, aloft)], library)
@@ -566,13 +574,14 @@ def _riders(scene: EditedScene, edited: EditedObject, library: Library) -> list[
 
 def _move(scene: EditedScene, edited: EditedObject, edit: Move, library: Library) -> EditedScene:
     """Move an object and the objects on it."""
-    pose, overlaps = _lower(scene, edited, edit.position, edit.yaw, library)
+    riders = _riders(scene, edited, library)
+    pose, overlaps = _lower(scene, edited, edit.position, edit.yaw, riders, library)
     if overlaps:
         raise InputError(
             f"{edited.item.name} would stand in or half on {', '.join(overlaps)}",
             "move it until its centre is over the object that it shall stand on, or clear of it",
         )
-    turn, riders = rotation_about_z(edit.yaw), _riders(scene, edited, library)
+    turn = rotation_about_z(edit.yaw)
 
     def shift(moved: EditedObject) -> EditedObject:
         offset = turn @ np.subtract(moved.pose[0], edited.pose[0])
@@ -582,6 +591,18 @@ def _move(scene: EditedScene, edited: EditedObject, edit: Move, library: Library
 
     objects = tuple(shift(other) if other is edited or other in riders else other for other in scene.objects)
     return replace(scene, objects=objects)
+
+
+def _drop(scene: EditedScene, riders: Sequence[EditedObject], library: Library) -> EditedScene:
+    """Lower the riders of an object that is gone onto what is below them, the lowest first."""
+    waiting = sorted(riders, key=lambda rider: rider.pose[0][2])
+    while waiting:
+        rider = waiting.pop(0)
+        (x, y, z), _ = rider.pose
+        pose, _ = _lower(scene, rider, (x, y), 0.0, waiting, library)
+        lowered = _at_pose(rider, pose, np.eye(3), np.array((0.0, 0.0, pose[0][2] - z)))
+        scene = replace(scene, objects=tuple(lowered if other is rider else other for other in scene.objects))
+    return scene
 
 
 def _at_pose(edited: EditedObject, pose: Pose, turn: Array, shift: Array) -> EditedObject:
@@ -617,8 +638,8 @@ def _place_robot(scene: EditedScene, edit: PlaceRobot) -> EditedScene:
     return replace(scene, table=table, objects=tuple(map(carry, scene.objects)))
 
 
-def settle_edited_scene(scene: EditedScene, services: Services) -> SceneDescription:
-    """The corrected scene at rest, ready for tasks; its pictures are written into the run folder.
+def settle_edited_scene(scene: EditedScene, services: Services, settler: GroupSettler) -> SceneDescription:
+    """The corrected scene at rest, ready for tasks; the picture of its coverage is written into the run folder.
 
     Raises:
         InputError: no object is left, or the arm can move none of them.
@@ -629,7 +650,7 @@ def settle_edited_scene(scene: EditedScene, services: Services) -> SceneDescript
     frame, table, library = scene.photo, scene.table, services.library
     owned = np.any([edited.mask for edited in scene.objects], axis=0)
     placed = [edited.placed for edited in scene.objects]
-    rest, twin = settle_and_measure_fidelity(placed, library, frame, table, scene.above | owned)
+    rest, twin = settle_and_measure_fidelity(placed, library, frame, table, scene.above | owned, settler.settle)
     objects: list[SceneObject] = []
     for edited, end in zip(scene.objects, rest.placed, strict=True):
         described = (edited.item.position, edited.item.orientation)
@@ -667,7 +688,9 @@ def settle_edited_scene(scene: EditedScene, services: Services) -> SceneDescript
     return prepare_scene_for_tasks_with_warnings(description, services)
 
 
-def save_corrected_scene(corrected: SceneDescription, scene: EditedScene, edits: SceneEdits, services: Services) -> str:
+def save_corrected_scene(
+    corrected: SceneDescription, scene: EditedScene, edits: SceneEdits, services: Services, log: EventLog
+) -> str:
     """Write ``scene.json``, ``edits.json`` and the pictures of a corrected scene into the run folder, and log them.
 
     Returns:
@@ -679,8 +702,8 @@ def save_corrected_scene(corrected: SceneDescription, scene: EditedScene, edits:
     save_label_pictures(scene.photo, {edited.item.id: edited.mask for edited in scene.objects}, folder)
     files = save_twin_picture(corrected, services.library, folder)
     files |= {} if corrected.coverage is None else {"coverage": corrected.coverage.picture}
-    services.log.append(SceneStage(stage="matched", summary=dict(corrected), files=files))
-    log_edits(corrected, services)
+    log.append(SceneStage(stage="matched", summary=dict(corrected), files=files))
+    log_edits(corrected, log)
     return draw_object_names(scene.photo, masks, folder)
 
 
@@ -705,8 +728,8 @@ def edit_scene(state: RunState, services: Services) -> Update:
             raise
         except InputError as error:
             raise InputError(f"edit {number} ({edit.act}): {error.message}", error.remedy) from error
-    corrected = settle_edited_scene(scene, services) if edits.edits else before
-    named = save_corrected_scene(corrected, scene, edits, services)
+    corrected = settle_edited_scene(scene, services, GroupSettler()) if edits.edits else before
+    named = save_corrected_scene(corrected, scene, edits, services, services.log)
     if edits.edits:  # without, a person may be about to edit it
         require_movable_object(corrected, services.arm)
     return {"scene": corrected, "image": named if state["image"] else "", "camera": state["camera"]}
@@ -717,10 +740,10 @@ def review_scene(state: RunState, services: Services) -> Update:
     """Ask a person to correct the scene; the reply is ``go on``, or the file with the edits."""
     scene = state["scene"]
     names = ", ".join(item.name for item in scene.objects)
-    details = f"objects: {names}\nphoto: {services.folder / state['image']}"
-    question = "Is the scene right? Go on, or name a file of edits."
+    folder = services.folder
+    details = f"objects: {names}\nphoto: {folder / state['image']}\npage: grs edit {folder}, which goes on from there"
     while True:
-        reply = ask_person(question, details=details).strip()
+        reply = ask_person(REVIEW, details=details).strip()
         if reply.lower().rstrip(".!") in ("go on", "yes", "ok"):
             return {}
         try:

@@ -13,7 +13,7 @@ from grs_agents.base.config.schema import ToolsConfig
 from grs_agents.base.errors import GrsError, InputError
 from grs_agents.base.foreign.run_folder import find_member_file
 from grs_agents.base.trace.events import Event, Note, SceneStage
-from grs_agents.base.trace.log import read_events
+from grs_agents.base.trace.log import EventLog, read_events
 from grs_agents.graph.bystanders import prepare_scene_for_tasks
 from grs_agents.graph.placement import (
     explain_rejected_objects,
@@ -130,7 +130,7 @@ def read_photo_into_run(state: RunState, services: Services) -> Update:
                 services.log.append(SceneStage(stage=event.stage, summary=event.summary, files=event.files))
         services.log.append(Note(text=f"the scene is that of {source}, as it was made there"))
         if "edits" not in state:
-            log_edits(scene, services)
+            log_edits(scene, services.log)
         image = scene.image if find_member_file(services.folder, NAMED) is None else NAMED
         if "edits" not in state:
             require_movable_object(scene, services.arm)
@@ -391,10 +391,10 @@ def settle_objects(state: RunState, services: Services) -> Update:
     return {"scene": scene, "image": named}
 
 
-def log_edits(scene: SceneDescription, services: Services) -> None:
+def log_edits(scene: SceneDescription, log: EventLog) -> None:
     """Log a note for each edit of a corrected scene."""
     for line in scene.edits:
-        services.log.append(Note(text=f"corrected by a person: {line}"))
+        log.append(Note(text=f"corrected by a person: {line}"))
 
 
 def prepare_scene_for_tasks_with_warnings(scene: SceneDescription, services: Services) -> SceneDescription:

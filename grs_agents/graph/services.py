@@ -1,5 +1,6 @@
 """The services of a run, which its nodes share: the context of the graph, which is never checkpointed."""
 
+import os
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -7,7 +8,6 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property, wraps
 from pathlib import Path
-from stat import S_ISDIR
 from typing import TYPE_CHECKING, Any, Protocol
 
 from pydantic import ValidationError
@@ -74,16 +74,21 @@ class Services:
         if not proxies.is_dir():
             return self._shipped_library
         stamps: set[Stamp] = set()
-        for path in proxies.rglob("*"):
-            with suppress(FileNotFoundError):  # the temporary file of a proxy that is written just now
-                status = path.stat()
-                if not S_ISDIR(status.st_mode):
+        for folder, _, files in os.walk(proxies):  # each of many steps of a node comes here
+            for path in (Path(folder, name) for name in files):
+                with suppress(FileNotFoundError):  # the temporary file of a proxy that is written just now
+                    status = path.stat()
                     stamps.add((str(path), status.st_ino, status.st_mtime_ns, status.st_size))
         key = frozenset(stamps)
-        if key not in self._overlaid:
+        library = self._overlaid.get(key)
+        if library is None:
+            library = self._shipped_library.copy_with_overlay_root(proxies)
+            for before, earlier in list(self._overlaid.items()):
+                changed = {Path(stamp[0]).relative_to(proxies).as_posix() for stamp in key ^ before}
+                library.keep_unchanged(earlier, changed)
             self._overlaid.clear()
-            self._overlaid[key] = self._shipped_library.copy_with_overlay_root(proxies)
-        return self._overlaid[key]
+            self._overlaid[key] = library
+        return library
 
     def cache_photo(self, frame: RGBDFrame) -> None:
         """Keep the photo that the node ``read`` has written, so that `load_photo` need not decode it."""

@@ -1,5 +1,6 @@
 """The assets of library folders, found by name."""
 
+from collections.abc import Collection
 from pathlib import Path, PurePosixPath
 
 from grs_agents.base import content
@@ -120,6 +121,16 @@ class Library:
             if over._find_root_of_asset(key) == self._find_root_of_asset(key)
         }
         return over
+
+    def keep_unchanged(self, earlier: "Library", changed: Collection[str]) -> None:
+        """Take over what another library has read from the same folders, but for files of the names ``changed``."""
+
+        def is_unchanged(name: str, model: ObjectModel) -> bool:
+            parts = {part for shape in (*model.visuals, *model.colliders) for part in (shape.mesh, shape.texture)}
+            return parts.isdisjoint(changed) and name not in changed
+
+        self._files = {name: path for name, path in earlier._files.items() if name not in changed}
+        self._models |= {name: model for name, model in earlier._models.items() if is_unchanged(name, model)}
 
     def everyday_assets(self) -> tuple[Asset, ...]:
         """The assets of a real table: no templates, no marks, no parts of a published task."""

@@ -8,6 +8,7 @@ from functools import lru_cache
 from importlib import import_module
 from itertools import permutations, product
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
@@ -62,12 +63,16 @@ def asset_surface_at_pose(asset: str, pose: Pose, library: Library) -> SurfaceSa
     return replace(surface, points=surface.points @ turn.T + pose[0], normals=surface.normals @ turn.T)
 
 
-@lru_cache(maxsize=128)
+_corners: WeakKeyDictionary[Library, dict[str, Array]] = WeakKeyDictionary()
+
+
 def asset_triangle_corners(name: str, library: Library) -> Array:
     """(T, 3, 3) corners of an asset's visible triangles, m, in the asset's frame; read-only."""
-    corners = visual_triangle_corners(name, library).round(5)
-    corners.setflags(write=False)
-    return corners
+    known = _corners.setdefault(library, {})
+    if name not in known:
+        known[name] = visual_triangle_corners(name, library).round(5)
+        known[name].setflags(write=False)
+    return known[name]
 
 
 @lru_cache(maxsize=128)

@@ -19,6 +19,7 @@ from grs_agents.base.foreign.files import path_exists
 from grs_agents.base.trace.log import EventLog
 from grs_agents.graph.editing import (
     BEFORE,
+    EditedScene,
     apply_edit,
     find_overlaps,
     open_edited_scene,
@@ -43,6 +44,7 @@ from grs_agents.perception.edits import (
 )
 from grs_agents.perception.picture_files import load_frame
 from grs_agents.perception.reading.known_scene import is_known_scene
+from grs_agents.perception.settling.groups import GroupSettler
 from grs_agents.perception.types import Mask, RGBDFrame, SceneDescription, read_scene_description
 from grs_agents.runs.execution import Outcome, Views, execute_run
 from grs_agents.runs.hashes import write_hashes
@@ -64,6 +66,9 @@ class SceneEditor:
             services,
         )
         self.undone: tuple[Edit, ...] = ()  # the next to redo last
+        self._saved: SceneDescription | None = None
+        self._settler = GroupSettler()
+        self._kept: dict[tuple[Edit, ...], tuple[EditedScene, SceneDescription]] = {}  # undone, by all their edits
         self._rebuild(edits)
 
     @property
@@ -106,6 +111,7 @@ class SceneEditor:
         Raises:
             GrsError: the edit does not fit the scene, which is then unchanged.
         """
+        self._kept.clear()  # its files may be written over
         self._append(edit)
         self.undone = ()
 
@@ -118,7 +124,7 @@ class SceneEditor:
         if isinstance(last, ChooseTable):
             self._perceive_anew(edits)
         else:
-            del self._steps[-1], self._settled[-1]
+            self._kept[self.edits] = self._steps.pop(), self._settled.pop()
             self._edits = edits
         self.undone = (*self.undone, last)
 
@@ -147,10 +153,12 @@ class SceneEditor:
 
     def save(self) -> Path:
         """Write ``edits.json``, ``scene.json`` and the pictures into the folder. Returns: the file of the edits."""
-        with EventLog(self.folder / "events.jsonl") as log:
-            save_corrected_scene(self.scene, self._steps[-1], self._edits, replace(self._services, log=log))
-        read_record(self.folder).model_copy(update={"edits": self.scene.edits}).write(self.folder)
-        write_hashes(self.folder)
+        if self._saved is not self.scene:
+            with EventLog(self.folder / "events.jsonl") as log:
+                save_corrected_scene(self.scene, self._steps[-1], self._edits, self._services, log)
+            read_record(self.folder).model_copy(update={"edits": self.scene.edits}).write(self.folder)
+            write_hashes(self.folder)
+            self._saved = self.scene
         return self.folder / FILE
 
     def _append(self, edit: Edit) -> None:
@@ -162,8 +170,11 @@ class SceneEditor:
             plane_number_at(self.photo, self._steps[0].table, edit.point)
             self._perceive_anew(edits)
             return
-        step = apply_edit(self._steps[-1], edit, self._services)
-        settled = settle_edited_scene(step, self._services)
+        if edits.edits in self._kept:
+            step, settled = self._kept.pop(edits.edits)
+        else:
+            step = apply_edit(self._steps[-1], edit, self._services)
+            settled = settle_edited_scene(step, self._services, self._settler)
         self._steps.append(step)
         self._settled.append(settled)
         self._edits = edits
@@ -174,7 +185,8 @@ class SceneEditor:
         steps = [open_edited_scene(before, self.photo, self.folder)]
         for edit in edits.edits:
             steps.append(apply_edit(steps[-1], edit, self._services))
-        settled = [before, *(settle_edited_scene(step, self._services) for step in steps[1:])]
+        settled = [before, *(settle_edited_scene(step, self._services, self._settler) for step in steps[1:])]
+        self._kept.clear()
         self._steps, self._settled, self._edits = steps, settled, edits
 
     def _perceive_anew(self, edits: SceneEdits) -> None:

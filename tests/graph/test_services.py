@@ -45,3 +45,7 @@ def test_a_proxy_that_is_written_again_is_read_again(services: Services) -> None
         write_proxy(services.folder / "assets", "mug", primitive_proxy("box", (0.08, 0.08, height), GRAY), "a mug")
         assert services.library.load_object_model("proxy/mug.urdf").size[2] == pytest.approx(height)
         assert services.library.asset("proxy/mug.urdf").size[2] == pytest.approx(height)
+    models = [services.library.load_object_model(name) for name in ("proxy/mug.urdf", "HOPE/Milk.urdf")]
+    write_proxy(services.folder / "assets", "box", primitive_proxy("box", (0.1, 0.1, 0.1), (0.1, 0.1, 0.8)), "a box")
+    for kept, name in zip(models, ("proxy/mug.urdf", "HOPE/Milk.urdf"), strict=True):
+        assert services.library.load_object_model(name) is kept

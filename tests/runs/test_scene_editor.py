@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from grs_agents.base.config.load import load_config
 from grs_agents.base.errors import GrsError, InputError
+from grs_agents.cli.edit import order_run
 from grs_agents.graph.scene_prompt import scene_for_prompt
 from grs_agents.library.library import Library
 from grs_agents.perception.edits import (
@@ -30,6 +32,7 @@ from grs_agents.perception.edits import (
 )
 from grs_agents.perception.types import Mask, SceneDescription, SceneObject
 from grs_agents.runs.record import read_record
+from grs_agents.runs.run_opening import RunOrder
 from grs_agents.runs.scene_editor import SceneEditor
 from tests.cli.command import grs
 from tests.scene_editing import open_editor
@@ -107,6 +110,7 @@ def test_segments_are_added_merged_split_and_removed(editor: SceneEditor) -> Non
     assert seen is not None and (seen & before["tuna_1"]).sum() > 0.8 * (seen | before["tuna_1"]).sum()
     editor.apply(Add(rectangle=rectangle))
     assert np.array_equal(editor.masks[editor.scene.objects[-1].name], seen)
+    assert editor.scene.edits[-1] == f"{editor.scene.objects[-1].name} is added"
 
 
 def test_an_object_gets_another_asset_or_shape_at_its_place(editor: SceneEditor) -> None:
@@ -143,6 +147,15 @@ def test_a_moved_object_stands_on_what_is_below_and_overlaps_are_named(editor: S
     assert editor.scene is scene and len(editor.edits) == 2
 
 
+def test_what_stood_on_a_deleted_object_comes_down(editor: SceneEditor) -> None:
+    block, tuna = editor.place_of("blue_block_1"), named(editor.scene)["tuna_1"]
+    editor.apply(Move(place=block, position=(tuna.position[0], tuna.position[1])))
+    editor.apply(Delete(place=editor.place_of("tuna_1")))
+    item = named(editor.scene)["blue_block_1"]
+    assert item.settled is not None and item.settled[0][2] == pytest.approx(0.02, abs=0.004)
+    assert not item.held and item.drift is not None and item.drift < 0.005
+
+
 @pytest.mark.parametrize(
     ("edit", "problem"),
     [
@@ -167,7 +180,7 @@ def test_undo_and_redo_give_the_scenes_before_and_after(editor: SceneEditor) -> 
     editor.undo()
     assert editor.scene is first
     editor.redo()
-    assert editor.scene == second and editor.undone == ()
+    assert editor.scene is second and editor.undone == ()  # kept, not made again
     editor.undo()
     with pytest.raises(InputError, match="no edit to undo"):
         editor.undo()
@@ -231,6 +244,10 @@ def test_a_graph_with_review_asks_for_the_edits(known_scene: Path, tmp_path: Pat
     assert done.returncode == 4 and read_record(tmp_path / "run").status == "waiting"
     again = grs("approve", "run", "--reply", "missing.json", folder=tmp_path)
     assert again.returncode == 4 and "missing.json" in str(read_record(tmp_path / "run").question)
+    config = load_config(None, overrides={})
+    order = order_run(tmp_path / "run", tmp_path / "scene", config)  # of the page
+    assert order.resume and (order.out, order.reply) == (tmp_path / "run", str(tmp_path / "scene/edits.json"))
+    assert order_run(tmp_path / "scene", tmp_path / "scene", config) == RunOrder("run", tmp_path / "scene", config)
     done = grs("approve", "run", "--reply", "scene/edits.json", folder=tmp_path)
     assert done.returncode in (0, 1), done.stderr
     record = read_record(tmp_path / "run")

@@ -6,7 +6,6 @@ import os
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -77,6 +76,10 @@ def unit_viewing_directions() -> Array:
     return steps / np.linalg.norm(steps, axis=1, keepdims=True)
 
 
+_appearances: dict[tuple[tuple[Path, int], ...], Appearance] = {}
+"""The latest, by the files and times of change (ns) of their assets: a library lives as long as a run's proxies."""
+
+
 def load_appearance(name: str, library: Library) -> Appearance:
     """The appearance of an asset, deterministic, from the user's cache if its files have not changed.
 
@@ -84,19 +87,19 @@ def load_appearance(name: str, library: Library) -> Appearance:
         UnknownNameError: the library has no such asset.
         InputError: its files are faulty.
     """
-    path = library.asset_path(name)
-    return _load_or_compute_appearance(name, library, path.stat().st_mtime_ns)
-
-
-@lru_cache(maxsize=_KEPT)
-def _load_or_compute_appearance(name: str, library: Library, _modified: int) -> Appearance:
-    key = hash_asset_files(name, library)
-    arrays = load_cached_arrays(key)
-    if arrays is None:
-        arrays = _compute_appearance_arrays(name, library)
-        save_cached_arrays(key, arrays)
-    fields: dict[str, Any] = {**arrays, "cell": float(arrays["cell"])}
-    return Appearance(**fields)
+    files = [file for file in _list_asset_files(name, library) if file is not None]
+    stamp = tuple((file, file.stat().st_mtime_ns) for file in files)
+    if stamp not in _appearances:
+        key = hash_asset_files(name, library)
+        arrays = load_cached_arrays(key)
+        if arrays is None:
+            arrays = _compute_appearance_arrays(name, library)
+            save_cached_arrays(key, arrays)
+        fields: dict[str, Any] = {**arrays, "cell": float(arrays["cell"])}
+        if len(_appearances) == _KEPT:
+            del _appearances[next(iter(_appearances))]
+        _appearances[stamp] = Appearance(**fields)
+    return _appearances[stamp]
 
 
 def _compute_appearance_arrays(name: str, library: Library) -> Arrays:
@@ -188,11 +191,16 @@ def load_asset_appearances(assets: Sequence[Asset], library: Library) -> Compare
 
 def hash_asset_files(name: str, library: Library) -> str:
     """Hash of the files that an asset is drawn from."""
-    whole = hashlib.sha256(_CACHE_VERSION.encode() + library.asset_path(name).read_bytes())
-    for shape in library.load_object_model(name).visuals:
-        for file in (shape.mesh, shape.texture):
-            whole.update(b"\0" if file is None else library.mesh_or_texture_path(file).read_bytes())
+    whole = hashlib.sha256(_CACHE_VERSION.encode())
+    for file in _list_asset_files(name, library):
+        whole.update(b"\0" if file is None else file.read_bytes())
     return whole.hexdigest()
+
+
+def _list_asset_files(name: str, library: Library) -> list[Path | None]:
+    """The description of an asset, then mesh and texture of each visual; None for one that it lacks."""
+    names = [file for shape in library.load_object_model(name).visuals for file in (shape.mesh, shape.texture)]
+    return [library.asset_path(name), *(None if file is None else library.mesh_or_texture_path(file) for file in names)]
 
 
 def load_cached_arrays(key: str) -> Arrays | None:

@@ -1,6 +1,7 @@
 """Move deeply overlapping objects apart: the object with the shortest way moves, all others stay."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Generator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -118,18 +119,31 @@ def _find_shortest_free_move(
     start = world.addresses[number]
     here, before = world.data.qpos[start : start + 3].copy(), world.data.qpos.tobytes()
     shortest: Floats | None = None
-    for step in way.steps:
-        depths = tried.setdefault((before, number, step), [])
-        for direction in () if depths else DIRECTIONS:
-            world.data.qpos[start : start + 3] = here + step * direction
-            depths.append(overlap_depth_of_object(world, number))
-        best = int(np.argmin(depths))
-        if depths[best] < free:
-            shortest = step * DIRECTIONS[best]
-            break
+    with _collisions_of_object(world, number):
+        for step in way.steps:
+            depths = tried.setdefault((before, number, step), [])
+            for direction in () if depths else DIRECTIONS:
+                world.data.qpos[start : start + 3] = here + step * direction
+                depths.append(overlap_depth_of_object(world, number))
+            best = int(np.argmin(depths))
+            if depths[best] < free:
+                shortest = step * DIRECTIONS[best]
+                break
     world.data.qpos[start : start + 3] = here
     mujoco.mj_forward(world.model, world.data)
     return shortest
+
+
+@contextmanager
+def _collisions_of_object(world: World, number: int) -> Generator[None]:
+    """Leave out the collisions of the other objects with each other: of a pile they are most."""
+    affinity, others = world.model.geom_conaffinity, world.owner_of_geom != number
+    before = affinity[others].copy()
+    affinity[others] = 0  # their types stay: they collide with an object that has an affinity
+    try:
+        yield
+    finally:
+        affinity[others] = before
 
 
 def _move_both_by_half(world: World, number: int, partner: int, move: Floats, free: float) -> bool:
@@ -151,6 +165,6 @@ def overlap_depth_of_object(world: World, number: int) -> float:
     model, data = world.model, world.data
     mujoco.mj_kinematics(model, data)
     mujoco.mj_collision(model, data)
-    owners = np.asarray(world.owners)[data.contact.geom]
+    owners = world.owner_of_geom[data.contact.geom]
     mine = (owners == number).any(axis=1) & (owners[:, 0] != owners[:, 1])
     return max(0.0, float(-data.contact.dist[mine].min(initial=0.0)))

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 
 import cv2
@@ -30,6 +31,16 @@ class Body:
         """Points (N, 3) of its surface, m, robot frame."""
         return self.surface.points
 
+    @cached_property
+    def box(self) -> Array:
+        """Lowest and highest corner (2, 3) of the surface, m."""
+        return np.array([self.surface_points.min(axis=0), self.surface_points.max(axis=0)])
+
+    def points_near_box(self, box: Array, reach: float) -> Array:
+        """The points (M, 3) of its surface within ``reach`` m of a box, of lowest and highest corner (2, 3)."""
+        points = self.surface_points
+        return points[((points >= box[0] - reach) & (points <= box[1] + reach)).all(axis=1)]
+
 
 def body_from_asset(name: str, asset: str, pose: Pose, library: Library) -> Body:
     """The body of an asset whose bounding box has its centre (m) and rotation (xyzw) at ``pose``."""
@@ -41,11 +52,11 @@ def find_spatial_relations(bodies: Sequence[Body]) -> tuple[SpatialRelation, ...
     relations: list[SpatialRelation] = []
     for first, second in combinations(bodies, 2):
         reach = CONFIG.gap + max(first.surface.spacing, second.surface.spacing)
-        low, high = first.surface_points.min(axis=0) - reach, first.surface_points.max(axis=0) + reach
-        if (low >= second.surface_points.max(axis=0)).any() or (high <= second.surface_points.min(axis=0)).any():
+        (low, high), (lower, upper) = first.box, second.box
+        if (low - reach >= upper).any() or (high + reach <= lower).any():
             continue
-        distances = Tree(second.surface_points).find_nearest_points(first.surface_points)[1]
-        close = bool(distances.min() < reach**2)
+        near = [first.points_near_box(second.box, reach), second.points_near_box(first.box, reach)]
+        close = all(map(len, near)) and bool(Tree(near[1]).find_nearest_points(near[0])[1].min() < reach**2)
         for subject, reference in ((first, second), (second, first)):
             if _is_inside_container(subject.surface_points, reference):
                 relations.append(SpatialRelation(kind="in", subject=subject.name, reference=reference.name))

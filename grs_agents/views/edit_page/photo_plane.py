@@ -73,9 +73,9 @@ class PhotoPlane:
 
 
 def draw_photo(
-    rgb: Image, masks: Mapping[str, Mask], selected: str | None, levels: Mapping[str, Mask], preview: Mask | None
+    rgb: Image, masks: Mapping[int, Mask], selected: int | None, levels: Mapping[str, Mask], preview: Mask | None
 ) -> Image:
-    """The photo with numbered outlines of objects, from 1 in the order of ``masks``, and of named planes; 1280 px."""
+    """The photo with outlines of objects by their numbers, and of named planes; 1280 px."""
     scale = min(1.0, _SHOWN_SIDE / max(rgb.shape[:2]))
     shape = (max(1, round(rgb.shape[1] * scale)), max(1, round(rgb.shape[0] * scale)))
     picture = rgb.copy() if scale == 1 else np.asarray(cv2.resize(rgb, shape, interpolation=cv2.INTER_AREA), np.uint8)
@@ -88,9 +88,10 @@ def draw_photo(
         picture[inside] = (picture[inside] * 0.4 + np.array(_PREVIEW) * 0.6).astype(np.uint8)
     for mask in levels.values():
         _draw_outline(picture, fit(mask), _LEVEL, 1)
-    for name, mask in masks.items():
-        _draw_outline(picture, fit(mask), _SELECTED if name == selected else _OUTLINE, 3 if name == selected else 1)
-    numbered = [(str(number), mask) for number, mask in enumerate(masks.values(), 1)]
+    for number, mask in masks.items():
+        color, width = (_SELECTED, 3) if number == selected else (_OUTLINE, 1)
+        _draw_outline(picture, fit(mask), color, width)
+    numbered = [(str(number), mask) for number, mask in masks.items()]
     for text, mask in (*levels.items(), *numbered):
         if text and mask.any():
             column, row = inner_pixel(fit(mask) > 0)

@@ -1,7 +1,9 @@
 """A person's presses on the page become edits of the scene, in their order."""
 
 import http.client
+import json
 import math
+import shutil
 from collections.abc import Callable, Generator, Sequence
 from importlib import import_module
 from pathlib import Path
@@ -12,12 +14,27 @@ import numpy as np
 import pytest
 
 from grs_agents.base.geometry.transforms import matrix_to_quaternion
-from grs_agents.perception.edits import Add, Delete, Mark, Merge, Rename, SceneEdits, SetMass, Split, read_edits
-from grs_agents.perception.types import Mask
+from grs_agents.perception.edits import (
+    Add,
+    Delete,
+    Mark,
+    Merge,
+    Move,
+    PlaceRobot,
+    Rename,
+    SceneEdits,
+    SetMass,
+    Split,
+    read_edits,
+)
+from grs_agents.perception.types import LevelPlane, Mask
 from grs_agents.runs.scene_editor import SceneEditor
+from grs_agents.views.edit_page.editor import EndedRun
 from grs_agents.views.edit_page.guard import VISER, GuardedServer
-from grs_agents.views.edit_page.page import REPORT, EditPage, EndedRun
+from grs_agents.views.edit_page.page import REPORT, EditPage
+from grs_agents.views.edit_page.panel import Panel
 from grs_agents.views.edit_page.photo_plane import PhotoPlane, Viewer, escape_lines
+from grs_agents.views.edit_page.scene_view import SceneView, pose_at_rest
 from tests.needs import needs
 from tests.scene_editing import open_editor
 
@@ -47,15 +64,28 @@ class Served:
     def handles(self) -> list[Any]:
         return list(vars(self.server.viser.gui)["_gui_input_handle_from_uuid"].values())
 
+    def shown(self) -> str:
+        """All texts of the panel."""
+        texts = [*vars(self.panel).values(), *(facts for _, facts in vars(self.panel)["_rows"])]
+        return " ".join(str(getattr(handle, "content", "")) for handle in texts)
+
+    @property
+    def panel(self) -> Panel:
+        return vars(self.page)["_panel"]
+
+    @property
+    def view(self) -> SceneView:
+        return vars(self.page)["_view"]
+
     @property
     def plane(self) -> PhotoPlane:
-        return vars(self.page)["_plane"]
+        return self.view.plane
 
     def do(self, *acts: tuple[str, Any]) -> None:
         """Set fields, press buttons (label, True) and buttons of groups (group, button), then finish.
 
         Of the photo, ``("click", pixel)`` clicks it, and ``("rect-select", rectangle)`` drags a rectangle; in 3D
-        ``("ray", (origin, direction))`` clicks.
+        ``("ray", (origin, direction))`` clicks, and ``("/gizmo", (x, y, yaw))`` drags the selected object.
         """
         messages = import_module("viser._messages")
         parts = urlsplit(self.server.address)
@@ -90,19 +120,30 @@ class Served:
                     points = (value[:2], value[2:]) if label == "rect-select" else (value,)
                     screen = tuple(screen_point(self.plane, 1.6, point) for point in points)
                     message = messages.ScenePointerMessage(label, (0.0,) * 3, (0.0, 0.0, 1.0), screen, None)
+                elif label in ("/gizmo", "/base"):
+                    client.send(send(messages.TransformControlsDragStartMessage(label).as_serializable_dict()))
+                    yaw = value[2] / 2
+                    turn = (math.cos(yaw), 0.0, 0.0, math.sin(yaw))
+                    message = messages.TransformControlsUpdateMessage(label, turn, (*value[:2], 0.0))
                 elif label == "ray":
                     message = messages.ScenePointerMessage("click", *value, ((0.5, 0.5),), None)
                 else:
                     message = messages.GuiUpdateMessage(vars(self.handle(label))["_impl"].uuid, {"value": value})
                 client.send(send(message.as_serializable_dict()))
+                if label in ("/gizmo", "/base"):
+                    client.send(send(messages.TransformControlsDragEndMessage(label).as_serializable_dict()))
             self.page.serve()
+            self.cameras = [
+                (np.array(viewer.camera.position), np.array(viewer.camera.look_at))
+                for viewer in self.server.viser.get_clients().values()
+            ]
 
     def handle(self, label: str) -> Any:
         [handle] = [handle for handle in self.handles() if getattr(handle, "label", None) == label]
         return handle
 
     def said(self) -> str:
-        return vars(self.page)["_status"].content
+        return vars(self.panel)["_status"].content
 
     def written(self) -> SceneEdits:
         return read_edits(self.editor.folder / "edits.json")
@@ -153,7 +194,7 @@ def test_presses_are_edits_in_their_order_and_kept(served: Served) -> None:
     )
     assert kinds(served.written().edits) == [SetMass, Rename, Merge, Delete]
     assert Mark not in kinds(served.editor.edits)
-    assert not [handle for handle in served.handles() if "<b>" in str(getattr(handle, "content", ""))]
+    assert "renamed to flat_b_noodles_b" in served.shown() and "<b>" not in served.shown()
 
 
 def test_a_click_in_3d_selects_the_first_object_on_its_ray(served: Served) -> None:
@@ -166,7 +207,7 @@ def test_a_click_in_3d_selects_the_first_object_on_its_ray(served: Served) -> No
     served.do(("ray", ((0.0, 1.5, 1.0), down)))
     assert "mayo_1 is selected" in served.said()
     # objects that react to the pointer would take it from parts of the gizmo that lie in them
-    nodes = [node for _, node in vars(served.page)["_nodes"].values()]
+    nodes = [node for _, node in vars(served.view)["_nodes"].values()]
     assert len(nodes) == 3 and not any(vars(node)["_impl"].click_cb for node in nodes)
 
 
@@ -205,10 +246,77 @@ def test_a_refused_act_is_said_and_changes_nothing(served: Served) -> None:
     assert served.editor.edits == ()
 
 
+def test_messages_and_rows_name_objects_by_name_and_number_of_the_scene(served: Served) -> None:
+    bowl, spaghetti, _ = served.editor.scene.objects
+    served.do((f"{bowl.id}  bowl_1", True), ("Object", "Delete"))
+    assert served.said().endswith("bowl_1 is no object</div></div>") and "1. bowl_1 is no object" in served.shown()
+    served.do(("Edits", "Undo"))
+    assert "Undone: bowl_1 is no object" in served.said()
+    served.do((f"{spaghetti.id}  spaghetti_1", True), ("Object", "Delete"), ("Edits", "Undo"))
+    assert f"{spaghetti.id}  spaghetti_1" in [getattr(handle, "label", "") for handle in served.handles()]
+
+
+def test_the_best_ten_can_be_left_and_a_stale_choice_is_refused(served: Served) -> None:
+    served.do(("1  bowl_1", True), ("Asset", "Best ten"))
+    take = served.handle("Take this asset")
+    assert take.visible and served.handle("Cancel").visible
+    served.do(("Cancel", True))
+    assert not take.visible and not served.handle("Cancel").visible
+    served.do(("Best ten", "an asset ranked before"), ("Take this asset", True))
+    assert "is not in the list of assets" in served.said() and served.editor.edits == ()
+
+
+def test_planes_are_listed_by_their_height_over_the_table(served: Served) -> None:
+    frame = served.editor.scene.frame
+    planes = (
+        LevelPlane(number=1, height=0.07, share=0.4, taken=True),
+        LevelPlane(number=2, height=0.52, share=0.2, taken=False),
+    )
+    served.panel.show_planes(frame.model_copy(update={"planes": planes}))
+    assert "plane 1: the table, 40%" in served.shown() and "plane 2: +45.0 cm, 20%" in served.shown()
+
+
+def test_a_drag_of_the_gizmo_moves_the_object_and_back_if_it_would_stand_in_another(served: Served) -> None:
+    box, bottle = (item for item in served.editor.scene.objects if item.name in ("spaghetti_1", "mayo_1"))
+    here, there = (pose_at_rest(item)[0] for item in (box, bottle))
+    row = (f"{box.id}  spaghetti_1", True)
+    served.do(row, ("View", "3D"), ("/gizmo", (here[0] + 0.02, here[1] - 0.03, 0.4)))
+    [move] = served.editor.edits
+    assert isinstance(move, Move) and move.yaw == pytest.approx(0.4)
+    assert np.allclose(np.subtract(move.position, box.position[:2]), (0.02, -0.03))
+    assert "spaghetti_1 is moved" in served.said()
+    place = served.editor.place_of("spaghetti_1")
+    beside = ((there[0] + step, there[1]) for step in np.arange(0.01, 0.3, 0.01))
+    half_on = next(at for at in beside if served.editor.overlaps(place, at, 0.0) == ("mayo_1",))
+    served.do(("/gizmo", (*half_on, 0.0)))
+    assert "would stand in or half on mayo_1" in served.said() and len(served.editor.edits) == 1
+    moved = next(item for item in served.editor.scene.objects if item.name == "spaghetti_1")
+    served.do(("/gizmo", (*pose_at_rest(moved)[0][:2], 0.0)))
+    assert len(served.editor.edits) == 1  # it was let go where it stood
+
+
+def test_the_photo_stays_in_view_when_its_camera_has_another_pose(known_scene: Path, tmp_path: Path) -> None:
+    shutil.copytree(known_scene, tmp_path / "known")
+    description = json.loads((known_scene / "scene.json").read_text())
+    description["frame"]["origin"] = "table_plane"
+    (tmp_path / "known/scene.json").write_text(json.dumps(description))
+    with open_editor(tmp_path / "known", tmp_path / "edited") as editor:
+        editor.apply(PlaceRobot(position=(0.1, 0.05), yaw=0.2))
+        server = GuardedServer(0)
+        served = Served(editor, server, [])
+        moved = served.plane.pose
+        served.do(("Edits", "Undo"))
+        server.stop()
+    pose = served.plane.pose
+    assert np.linalg.norm(pose[:3, 3] - moved[:3, 3]) > 0.05
+    [(position, aim)] = served.cameras
+    assert np.allclose(position, pose[:3, 3]) and np.allclose(aim, pose[:3, 3] + pose[:3, 2])
+
+
 def test_a_run_goes_on_from_the_saved_scene(served: Served) -> None:
     served.do(("Go on", True))
     assert served.server.documents[REPORT] == b"report"
-    steps = vars(served.page)["_steps"].content
+    steps = served.panel.run_steps.content
     assert "&lt;step&gt;" in steps and "accepted: &lt;reason&gt;" in steps and f'href="{REPORT}"' in steps
 
 
