@@ -45,7 +45,11 @@ def train(data: str, steps: int) -> torch.nn.Module:
     norm.running_mean, norm.running_var, unit = x.mean(0), x.var(0), y.std((0, 1)).clamp(min=1e-3)
     layers = [layer for size in (x.shape[1], WIDTH, WIDTH) for layer in (torch.nn.Linear(size, WIDTH), torch.nn.GELU())]
     net = torch.nn.Sequential(norm, *layers, torch.nn.Linear(WIDTH, y[0].numel()), torch.nn.Unflatten(1, y.shape[1:]))
-    fit(net, lambda rows: ((net(x[rows]) - y[rows]) / unit).abs().mean(), len(x), steps, BATCH)
+
+    def loss(rows: torch.Tensor) -> torch.Tensor:
+        return ((net(x[rows]) - y[rows]) / unit).abs().mean()
+
+    fit(net, loss, len(x), steps, BATCH)
     return net
 
 

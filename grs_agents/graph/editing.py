@@ -50,6 +50,7 @@ from grs_agents.perception.edits import (
     ChooseAsset,
     ChooseShape,
     ChooseTable,
+    CorrectMask,
     Delete,
     Edit,
     Mark,
@@ -67,7 +68,6 @@ from grs_agents.perception.edits import (
     inner_pixel,
     mask_from_runs,
     read_edits,
-    segment_rectangle,
     write_edits,
 )
 from grs_agents.perception.image_geometry import pixels_in_mask, points_in_hull_mask
@@ -78,6 +78,8 @@ from grs_agents.perception.proxies.box_clipping import EstimatedVolume
 from grs_agents.perception.proxies.proxy import primitive_proxy, write_edited_asset
 from grs_agents.perception.registration.size_check import enclosing_aabb
 from grs_agents.perception.segmentation.candidates import measure_candidates
+from grs_agents.perception.segmentation.rectangle_masks import segment_rectangle
+from grs_agents.perception.segmentation.sam2_models import segment_rectangle_with_sam2
 from grs_agents.perception.settling.groups import GroupSettler
 from grs_agents.perception.settling.proxy_placement import (
     PlacedProxy,
@@ -122,6 +124,9 @@ _NEAR = 6  # pixels; a place beside a mask still names its object
 _OVERLAP = 0.002  # m; less is left to the settling
 _CLEARANCE = 0.0005  # m over the support at which a moved object is let go
 _NAMED = 8  # objects in an error
+_GONE = 0.5  # share of its pixels that an object loses to another, beyond which it was a piece of that
+_LEAST_REST = 0.06  # share of an object that its border may make out
+_MEASURED_ANEW = 0.15  # beyond which the rest is another object than that measured; masks are off by less at borders
 _RANKED = 10  # assets that a person may choose from
 
 
@@ -222,11 +227,10 @@ def apply_edit(scene: EditedScene, edit: Edit, services: Services) -> EditedScen
     line = describe_edit(edit)
     match edit:
         case Add():
-            mask = _mask_of_rectangle(scene, edit.rectangle, edit.runs, services)
-            covered = [t for t in scene.objects if 2 * np.count_nonzero(t.mask & mask) > np.count_nonzero(t.mask)]
-            scene = _add_object(_without(scene, covered), mask, services)
-            gone = " and ".join(edited.item.name for edited in covered)
-            line = f"{scene.objects[-1].item.name} is added{f' in place of {gone}' if gone else ''}"
+            mask = _require_mask(scene, edit, services)
+            scene, words = _take_pixels(scene, mask, services)
+            scene = _add_object(scene, mask, services)
+            line = f"{scene.objects[-1].item.name} is added{words}"
         case Merge():
             pieces = list(dict.fromkeys(scene.find(place) for place in edit.places))
             names = " and ".join(edited.item.name for edited in pieces)
@@ -237,18 +241,23 @@ def apply_edit(scene: EditedScene, edit: Edit, services: Services) -> EditedScen
             line = f"{names} are one object, {scene.objects[-1].item.name}"
         case Split():
             whole = scene.find(edit.place)
-            inside = edit.rectangle.mask(_shape(scene)) & whole.mask
-            parts = (whole.mask & ~inside, inside)
-            if not all(part.any() for part in parts):
-                raise InputError(
-                    f"the rectangle {edit.rectangle} holds {'nothing' if not inside.any() else 'all'} of "
-                    f"{whole.item.name}",
-                    "draw it around one of its parts",
-                )
+            inside = _require_mask(scene, edit, services)
+            parts = (_take_part(whole, inside, edit), inside)
             scene = _without(scene, [whole])
             for part in parts:
                 scene = _add_object(scene, part, services)
             line = f"{whole.item.name} is split into {' and '.join(t.item.name for t in scene.objects[-2:])}"
+        case CorrectMask():
+            edited, part = scene.find(edit.place), _require_mask(scene, edit, services)
+            name, rest = edited.item.name, _without(scene, [edited])
+            if edit.kind == "include":
+                line = f"{name} gains a part"
+                rest, words = _take_pixels(rest, part, services)
+                scene = _add_object(rest, edited.mask | part, services)
+            else:
+                line, words = f"{name} loses a part", ""
+                scene = _add_object(rest, _take_part(edited, part, edit), services)
+            line += f"{words} and is now {scene.objects[-1].item.name}"
         case Delete():
             edited = scene.find(edit.place)
             line, riders = f"{edited.item.name} is no object", _riders(scene, edited, services.library)
@@ -324,22 +333,99 @@ def _remove(scene: EditedScene, edited: EditedObject, reason: str) -> EditedScen
     return replace(_without(scene, [edited]), removed=(*scene.removed, (edited.mask, dropped)))
 
 
-def _mask_of_rectangle(
-    scene: EditedScene, rectangle: Rectangle, runs: tuple[int, ...] | None, services: Services
-) -> Mask:
-    """The given mask, or the object that the segmentation of a rectangle finds."""
+def find_mask(scene: EditedScene, edit: Add | Split | CorrectMask, services: Services) -> Mask | None:
+    """(H, W) pixels in the rectangle of an edit: the object that it adds, or the part of an object that it concerns.
+
+    Returns:
+        None if nothing in the rectangle differs from its rim.
+
+    Raises:
+        InputError: the rectangle leaves the photo, or holds nothing of the object.
+    """
+    rectangle = edit.rectangle
     rows, columns = _shape(scene)
     if rectangle.right > columns or rectangle.bottom > rows:
         raise InputError(f"the rectangle {rectangle} leaves the photo of {columns} x {rows} pixels", "draw it inside")
-    if runs is not None:
-        return mask_from_runs(rectangle, runs, (rows, columns))
-    mask = segment_rectangle(scene.photo, scene.table, rectangle)
+    if isinstance(edit, Add) and edit.runs is not None:
+        return mask_from_runs(rectangle, edit.runs, (rows, columns))
+    edited = None if isinstance(edit, Add) else scene.find(edit.place)
+    others = [item.mask for item in scene.objects if item is not edited]
+    if edited is None:
+        return _segment_rectangle(scene, rectangle, others, None, services)
+    if isinstance(edit, CorrectMask) and edit.kind == "include":
+        return _segment_rectangle(scene, rectangle, others, ~edited.mask, services)
+    inside = rectangle.mask((rows, columns)) & edited.mask
+    if not inside.any():
+        raise InputError(
+            f"the rectangle {rectangle} holds nothing of {edited.item.name}", "draw it around a part of it"
+        )
+    part = _segment_rectangle(scene, rectangle, (), edited.mask, services)
+    return inside if part is None else part
+
+
+def _segment_rectangle(
+    scene: EditedScene, rectangle: Rectangle, others: Sequence[Mask], within: Mask | None, services: Services
+) -> Mask | None:
+    """(H, W) mask of the object in a rectangle, by the user's SAM 2 if it segments the photo, else by depth and colour.
+
+    Args:
+        scene: the scene.
+        rectangle: around the object.
+        others: (H, W) masks of the known objects.
+        within: (H, W) pixels that the mask may have, or None for all.
+        services: of the run.
+    """
+    config = services.config
+    if config.tools.segment != "segment_sam2":
+        return segment_rectangle(scene.photo, scene.table, rectangle.window, others, within)
+    mask = segment_rectangle_with_sam2(scene.photo, rectangle.window, config.segment.model, config.segment.device)
+    if mask is not None and within is not None:
+        mask &= within
+    return mask if mask is not None and mask.any() else None
+
+
+def _require_mask(scene: EditedScene, edit: Add | Split | CorrectMask, services: Services) -> Mask:
+    mask = find_mask(scene, edit, services)
     if mask is None:
         raise InputError(
-            f"nothing in the rectangle {rectangle} differs from its rim in height or colour",
+            f"nothing in the rectangle {edit.rectangle} differs from its rim in height or colour",
             "draw it closer around the object, with a rim of the table",
         )
     return mask
+
+
+def _take_part(edited: EditedObject, part: Mask, edit: Split | CorrectMask) -> Mask:
+    """(H, W) rest of an object without a part."""
+    rest = edited.mask & ~part
+    if np.count_nonzero(rest) < _LEAST_REST * np.count_nonzero(edited.mask):
+        raise InputError(
+            f"the rectangle {edit.rectangle} holds all of {edited.item.name}", "draw it around a part of it"
+        )
+    return rest
+
+
+def _take_pixels(scene: EditedScene, mask: Mask, services: Services) -> tuple[EditedScene, str]:
+    """The scene whose objects leave the pixels of a mask (H, W), and the loss of each in words, the largest first.
+
+    Without most of its pixels an object is gone; without fewer it is measured, described and matched anew, unless they
+    are a few at its border.
+    """
+    losses = [(np.count_nonzero(item.mask & mask) / np.count_nonzero(item.mask), item) for item in scene.objects]
+    words: list[str] = []
+    for share, edited in sorted((loss for loss in losses if loss[0] > 0), key=lambda loss: -loss[0]):
+        left = edited.mask & ~mask
+        taken = f"{max(1, round(100 * share))} % of {edited.item.name}"
+        if share > _GONE:
+            scene = _without(scene, [edited])
+            taken += ", which it replaces"
+        elif share > _MEASURED_ANEW:
+            scene = _add_object(_without(scene, [edited]), left, services)
+            taken += f", which is now {scene.objects[-1].item.name}"
+        else:
+            kept = replace(edited, mask=left)
+            scene = replace(scene, objects=tuple(kept if item is edited else item for item in scene.objects))
+        words.append(taken)
+    return scene, f"; it takes {'; '.join(words)}" if words else ""
 
 
 def _measure(scene: EditedScene, mask: Mask, number: int, services: Services) -> TableObject:

@@ -18,8 +18,7 @@ from grs_agents.base.errors import InputError
 from grs_agents.base.files import write_text
 from grs_agents.base.foreign.files import parse_json, read_bytes
 from grs_agents.base.geometry.transforms import to_vec3
-from grs_agents.perception.image_geometry import label_connected_components, mask_bounding_slices
-from grs_agents.perception.table_finding import robot_frame_point_map
+from grs_agents.perception.image_geometry import mask_bounding_slices
 from grs_agents.perception.types import Mask, RGBDFrame, TableFrame
 from grs_agents.sim.instance.task_instance import HEAVIEST, LEAST_FRICTION, LIGHTEST, MOST_FRICTION
 
@@ -31,11 +30,6 @@ _MOST_SIDE = 1 << 15
 _REMEDY = "write it with `grs edit`, or see docs/edit.md"
 _FARTHEST = 5.0  # m; the simulated table reaches less far
 _SMALLEST, _LARGEST = 0.003, 1.5  # extents of an object, m
-_RAISED = 0.015  # height above the table (m) from which a pixel is surely of an object
-_LOWER = 0.006  # below it the pixel is of the table, unless its colour says otherwise
-_UNLIKE, _SURELY_UNLIKE = 25.0, 40.0  # Lab distance to the rim of the rectangle: probable, sure foreground
-_ROUNDS = 4  # of GrabCut
-_FEWEST = 60  # pixels of an object
 MOST_OFF_PLANE: Final = 0.1
 """Height (m) over or under a plane within which a pixel names it as the table; far planes tilt by some degrees."""
 
@@ -71,10 +65,15 @@ class Rectangle(Frozen):
             raise ValueError("needs left < right and top < bottom, at least 2 pixels apart")
         return self
 
+    @property
+    def window(self) -> tuple[slice, slice]:
+        """Rows and columns inside."""
+        return slice(self.top, self.bottom), slice(self.left, self.right)
+
     def mask(self, shape: tuple[int, int]) -> Mask:
         """(H, W) pixels inside."""
         inside = np.zeros(shape, np.bool_)
-        inside[self.top : self.bottom, self.left : self.right] = True
+        inside[self.window] = True
         return inside
 
     def __str__(self) -> str:
@@ -82,7 +81,8 @@ class Rectangle(Frozen):
 
 
 class Add(Frozen):
-    """An object that was missed or badly cut; it replaces the objects that it covers by more than half."""
+    """An object that was missed or badly cut; it replaces the objects that it covers by more than half, and takes its
+    pixels from the others."""
 
     act: Literal["add"] = "add"
     rectangle: Rectangle  # around the object
@@ -98,11 +98,20 @@ class Merge(Frozen):
 
 
 class Split(Frozen):
-    """An object that is two: its pixels in the rectangle, and the rest."""
+    """An object that is two: its part in the rectangle, and the rest."""
 
     act: Literal["split"] = "split"
     place: Pixel
-    rectangle: Rectangle
+    rectangle: Rectangle  # around the part
+
+
+class CorrectMask(Frozen):
+    """An object with more or fewer pixels: ``include`` adds what the rectangle shows, ``exclude`` removes the part."""
+
+    act: Literal["mask"] = "mask"
+    place: Pixel
+    rectangle: Rectangle  # around the part
+    kind: Literal["include", "exclude"]
 
 
 class Delete(Frozen):
@@ -189,6 +198,7 @@ Edit = Annotated[
     Add
     | Merge
     | Split
+    | CorrectMask
     | Delete
     | Mark
     | Rename
@@ -235,6 +245,8 @@ def describe_edit(edit: Edit) -> str:
             return f"the objects at {'; '.join(f'{x}, {y}' for x, y in edit.places)} are one"
         case Split():
             return f"{at} is split at {edit.rectangle}"
+        case CorrectMask():
+            return f"{at} {'gains' if edit.kind == 'include' else 'loses'} its part at {edit.rectangle}"
         case Delete():
             return f"{at} is no object"
         case Mark():
@@ -293,60 +305,8 @@ def mask_from_runs(rectangle: Rectangle, runs: tuple[int, ...], shape: tuple[int
         raise InputError(f"runs of {sum(runs)} pixels in a rectangle of {rows * columns}", _REMEDY)
     inside = np.repeat(np.arange(len(runs)) % 2 == 1, runs).reshape(rows, columns)
     mask = np.zeros(shape, np.bool_)
-    mask[rectangle.top : rectangle.bottom, rectangle.left : rectangle.right] = inside
+    mask[rectangle.window] = inside
     return mask
-
-
-def segment_rectangle(frame: RGBDFrame, table: TableFrame, rectangle: Rectangle) -> Mask | None:
-    """(H, W) mask of the object in a rectangle: GrabCut, seeded by height above the table and by colour.
-
-    Tall objects are seeded by height, flat objects by the Lab distance of their colour to the rectangle's rim. The
-    largest component is the object. None without enough pixels of another colour or height than the rim.
-    """
-    shape = frame.depth.shape
-    window = np.s_[rectangle.top : rectangle.bottom, rectangle.left : rectangle.right]
-    pad = max(4, (rectangle.right - rectangle.left + rectangle.bottom - rectangle.top) // 12)
-    top, left = max(0, rectangle.top - pad), max(0, rectangle.left - pad)
-    wide = np.s_[top : rectangle.bottom + pad, left : rectangle.right + pad]
-    inside = rectangle.mask((shape[0], shape[1]))[wide]
-    picture = np.ascontiguousarray(frame.rgb[wide])
-    lab = cv2.cvtColor(picture.astype(np.float32) / 255, cv2.COLOR_RGB2LAB)
-    part = RGBDFrame(
-        picture,
-        frame.depth[wide],
-        frame.camera.model_copy(update={"cx": frame.camera.cx - left, "cy": frame.camera.cy - top}),
-        frame.source,
-    )
-    height = robot_frame_point_map(part, table)[..., 2]
-    level = float(np.nanpercentile(height[~inside], 20)) if np.isfinite(height[~inside]).any() else 0.0
-    rise = height - max(level, 0.0)  # above the support, which may be another object
-    rim = np.median(lab[~inside].reshape(-1, 3), axis=0) if (~inside).any() else np.median(lab.reshape(-1, 3), axis=0)
-    unlike = np.linalg.norm(lab - rim, axis=-1)
-    seeds = np.full(inside.shape, cv2.GC_BGD, np.uint8)
-    seeds[inside] = cv2.GC_PR_BGD
-    raised = np.nan_to_num(rise, nan=-1.0)
-    if np.count_nonzero((raised > _RAISED) & inside) > 0.15 * np.count_nonzero(inside):
-        seeds[inside & (raised > _LOWER)] = cv2.GC_PR_FGD
-        seeds[inside & (raised > _RAISED)] = cv2.GC_FGD
-        seeds[inside & (np.isfinite(rise) & (raised < _LOWER / 2)) & (unlike < _UNLIKE)] = cv2.GC_BGD
-    else:
-        seeds[inside & (unlike > _UNLIKE)] = cv2.GC_PR_FGD
-        seeds[inside & (unlike > _SURELY_UNLIKE)] = cv2.GC_FGD
-    if np.count_nonzero((seeds == cv2.GC_FGD) | (seeds == cv2.GC_PR_FGD)) < _FEWEST or not (seeds == cv2.GC_BGD).any():
-        return None
-    cv2.setRNGSeed(0)
-    models = np.zeros((1, 65)), np.zeros((1, 65))
-    cv2.grabCut(picture[..., ::-1].copy(), seeds, (0, 0, 1, 1), *models, _ROUNDS, cv2.GC_INIT_WITH_MASK)
-    found = ((seeds == cv2.GC_FGD) | (seeds == cv2.GC_PR_FGD)).astype(np.uint8)
-    found = cv2.morphologyEx(found, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-    labels = label_connected_components(found, _FEWEST)
-    if not labels.any():
-        return None
-    largest = labels == int(np.bincount(labels[labels > 0]).argmax())
-    mask = np.zeros((shape[0], shape[1]), np.bool_)
-    mask[wide] = largest & inside
-    mask[window] = cv2.morphologyEx(mask[window].astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)) > 0
-    return mask if np.count_nonzero(mask) >= _FEWEST else None
 
 
 def inner_pixel(mask: Mask) -> Pixel:

@@ -21,6 +21,7 @@ from grs_agents.graph.editing import (
     BEFORE,
     EditedScene,
     apply_edit,
+    find_mask,
     find_overlaps,
     open_edited_scene,
     rank_assets,
@@ -32,15 +33,16 @@ from grs_agents.graph.services import Services
 from grs_agents.library.library import Library
 from grs_agents.perception.edits import (
     FILE,
+    Add,
     ChooseTable,
+    CorrectMask,
     Edit,
     Pixel,
-    Rectangle,
     SceneEdits,
+    Split,
     inner_pixel,
     plane_number_at,
     read_edits,
-    segment_rectangle,
 )
 from grs_agents.perception.picture_files import load_frame
 from grs_agents.perception.reading.known_scene import is_known_scene
@@ -135,9 +137,13 @@ class SceneEditor:
         self._append(self.undone[-1])
         self.undone = self.undone[:-1]
 
-    def preview_mask(self, rectangle: Rectangle) -> Mask | None:
-        """(H, W) mask that `Add` makes of a rectangle; None if nothing in it differs from its rim."""
-        return segment_rectangle(self.photo, self._steps[-1].table, rectangle)
+    def preview_part(self, edit: Add | Split | CorrectMask) -> Mask | None:
+        """(H, W) pixels that an edit adds, parts, includes or excludes; None if nothing differs from the rim.
+
+        Raises:
+            InputError: the rectangle leaves the photo, or holds nothing of the object.
+        """
+        return find_mask(self._steps[-1], edit, self._services)
 
     def ranked_assets(self, place: Pixel) -> tuple[str, ...]:
         """The assets that look most like the object at a pixel, the best first, at most ten."""

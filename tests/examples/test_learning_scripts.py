@@ -30,6 +30,8 @@ def imported_names(tree: ast.Module) -> list[tuple[str, str]]:
     """Module and name of each ``from module import name``, of modules that are installed."""
     found = [node for node in tree.body if isinstance(node, ast.ImportFrom) and node.module]
     here = [node for node in found if importlib.util.find_spec(str(node.module).partition(".")[0])]
+    if importlib.util.find_spec("torch") is None:
+        here = [node for node in here if node.module != "grs_agents.examples._learning"]  # which needs it
     return [(str(node.module), alias.name) for node in here for alias in node.names]
 
 

@@ -1,4 +1,4 @@
-"""Edits of a scene: their file, which may be a stranger's, and the segmentation of a rectangle."""
+"""Edits of a scene: their file, which may be a stranger's, and their places in the photo."""
 
 import json
 from pathlib import Path
@@ -62,6 +62,15 @@ def test_the_file_holds_an_edit_a_line_and_is_read_as_it_was_written(tmp_path: P
         ({"act": "merge", "places": [[1, 1]]}, "at least 2"),
         ({"act": "add", "rectangle": {"left": 5, "top": 0, "right": 4, "bottom": 9}}, "left < right"),
         ({"act": "mark", "place": [1, 1], "kind": "ghost"}, "ghost|robot"),
+        (
+            {
+                "act": "mask",
+                "place": [1, 1],
+                "kind": "half",
+                "rectangle": {"left": 1, "top": 0, "right": 4, "bottom": 9},
+            },
+            "include",
+        ),
     ],
 )
 def test_an_edit_that_is_out_of_bounds_is_refused(edit: dict[str, Any], problem: str, tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from grs_agents.perception.edits import (
     ChooseAsset,
     ChooseShape,
     ChooseTable,
+    CorrectMask,
     Delete,
     Edit,
     Mark,
@@ -106,11 +107,50 @@ def test_segments_are_added_merged_split_and_removed(editor: SceneEditor) -> Non
     assert any("deleted by a person" in reason for reason in reasons)
     assert not any("scenery" in reason for reason in reasons)  # it is no raised pixel any more
     rectangle = rectangle_around(before["tuna_1"])
-    seen = editor.preview_mask(rectangle)
+    seen = editor.preview_part(Add(rectangle=rectangle))
     assert seen is not None and (seen & before["tuna_1"]).sum() > 0.8 * (seen | before["tuna_1"]).sum()
     editor.apply(Add(rectangle=rectangle))
     assert np.array_equal(editor.masks[editor.scene.objects[-1].name], seen)
     assert editor.scene.edits[-1] == f"{editor.scene.objects[-1].name} is added"
+
+
+def test_an_added_object_takes_the_pixels_of_others_and_says_so(editor: SceneEditor) -> None:
+    before = editor.masks
+    editor.apply(Merge(places=(editor.place_of("mustard_1"), editor.place_of("raisins_1"))))
+    (whole,) = set(editor.masks) - set(before)
+    editor.apply(Add(rectangle=rectangle_around(before["mustard_1"])))
+    added, line = editor.scene.objects[-1].name, editor.scene.edits[-1]
+    share = round(100 * float((before["mustard_1"]).sum() / (before["mustard_1"] | before["raisins_1"]).sum()))
+    assert f"{added} is added; it takes" in line and f" % of {whole}, which is now " in line
+    assert abs(int(line.split("it takes ")[1].split(" %")[0]) - share) <= 2
+    assert not any((editor.masks[added] & mask).any() for name, mask in editor.masks.items() if name != added)
+    rest = editor.masks[line.rsplit(" is now ")[1].split(";")[0]]
+    assert (rest & before["raisins_1"]).sum() > 0.9 * (rest | before["raisins_1"]).sum()
+    editor.apply(Add(rectangle=rectangle_around(before["mustard_1"])))
+    assert f" % of {added}, which it replaces" in editor.scene.edits[-1]
+
+
+def test_a_rectangle_gives_an_object_a_part_and_takes_it_away(editor: SceneEditor) -> None:
+    before = editor.masks
+    editor.apply(Merge(places=(editor.place_of("mustard_1"), editor.place_of("raisins_1"))))
+    (whole,) = set(editor.masks) - set(before)
+    rectangle = rectangle_around(before["raisins_1"])
+    part = CorrectMask(place=editor.place_of(whole), rectangle=rectangle, kind="exclude")
+    seen = editor.preview_part(part)
+    assert seen is not None and (seen & before["raisins_1"]).sum() > 0.9 * (seen | before["raisins_1"]).sum()
+    editor.apply(part)
+    left = editor.scene.objects[-1].name
+    assert editor.scene.edits[-1] == f"{whole} loses a part and is now {left}"
+    assert np.array_equal(editor.masks[left], (before["mustard_1"] | before["raisins_1"]) & ~seen)
+    editor.apply(CorrectMask(place=editor.place_of(left), rectangle=rectangle, kind="include"))
+    again, both = editor.masks[editor.scene.objects[-1].name], before["mustard_1"] | before["raisins_1"]
+    assert (again & both).sum() > 0.95 * (again | both).sum()
+    corner = Rectangle(left=0, top=0, right=9, bottom=9)
+    with pytest.raises(InputError, match="holds nothing of"):
+        editor.apply(CorrectMask(place=editor.place_of("milk_1"), rectangle=corner, kind="exclude"))
+    around = rectangle_around(before["milk_1"], 20)
+    with pytest.raises(InputError, match="holds all of milk_1"):
+        editor.apply(Split(place=editor.place_of("milk_1"), rectangle=around))
 
 
 def test_an_object_gets_another_asset_or_shape_at_its_place(editor: SceneEditor) -> None:

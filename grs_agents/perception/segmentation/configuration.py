@@ -278,6 +278,53 @@ class ColorBorders:
 
 
 @dataclass(frozen=True)
+class RectangleMasks:
+    """The object in a rectangle. Chosen on 7 of the 13 OSD photos and 2 cluttered tables of another camera, by the
+    overlap with the truth; odds are log odds of object against background, borders costs of a superpixel's side."""
+
+    # Pieces of depth; lengths are shares of the rectangle's longer side
+    around: float = 1.0  # surroundings in which a piece is measured
+    within: float = 0.6  # least share of a piece inside the rectangle
+    fewest: int = 20  # pixels of a piece
+    least_piece: float = 0.01  # of the rectangle: less is a sliver at a border
+    redrawn: float = 0.7  # fit of a known object that the rectangle is drawn around anew
+    least_filled: float = 0.2  # of the rectangle: a pen across it fills more; slivers in its corners do not
+    gain: float = 0.03  # least gain in fit by a further piece
+    known: float = 0.1  # loss of fit of pieces that all belong to known objects
+    poor: float = 0.6  # fit up to which the pieces say nothing
+    good: float = 0.8  # fit from which they are trusted
+    # Superpixels
+    rim: float = 0.35  # surroundings that show the background's colours
+    least_rim: int = 10  # pixels
+    step: float = 0.055  # side, of the rectangle's mean side
+    least_step: float = 4.0  # pixels: smaller ones mix colours
+    words: int = 24  # clusters of colour
+    slack: float = 0.025  # of a side, by which an object may leave the rectangle: people draw no better
+    # Odds and costs
+    color: float = 0.5  # weight of the odds of a colour
+    most_color: float = 3.5  # largest odds of a colour
+    unlike: float = 0.3  # least odds of a colour from which the first colours of the object are learnt
+    chosen: float = 4.0  # of the pieces that fill the rectangle, at full trust
+    left: float = 1.3  # against the others, at full trust
+    taken: float = 6.0  # against known objects that the rectangle is filled without
+    table: float = 1.2  # against what is as low as the table, at full trust
+    least_table: float = 0.25  # share of it without trust: low objects are as low
+    color_border: float = 4.0
+    alike: float = 12.0  # Lab distance of neighbours at which the cost of a border falls to 37 %
+    depth_border: float = 4.0
+    least_depth: float = 0.3  # share of it without trust
+    sharp: float = 4.0  # fall of the cost of a border at a jump, as an exponent
+    biases: tuple[float, ...] = (0.15, 0.5, 0.85)  # to the object, each where it is lost with the one before
+    rounds: int = 4  # of learning colours
+    # Choice among the cuts
+    enough: float = 0.8  # fit
+    margin: float = 0.025  # least gain in fit by a later cut
+    bold_margin: float = 0.2  # by one with less trust in depth, or without regard to known objects
+    part: float = 0.1  # least area of a part, in shares of the largest: an occluded object is in parts
+    smallest: int = 60  # pixels of a part
+
+
+@dataclass(frozen=True)
 class Segmentation:
     """From the photo and its table to segments; ``rules`` are those of `RULES` that are on."""
 
@@ -296,6 +343,7 @@ class Segmentation:
     floors: EnclosedFloors = EnclosedFloors()
     proposals: MaskProposals = MaskProposals()
     color_borders: ColorBorders = ColorBorders()
+    rectangles: RectangleMasks = RectangleMasks()
 
     def without_rules(self, *rules: str) -> Self:
         """A copy without some rules; raises UnknownNameError for an unknown rule."""

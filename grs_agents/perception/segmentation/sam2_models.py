@@ -6,21 +6,22 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base.errors import ConfigError, InputError
-from grs_agents.perception.pretrained_models import load_model_config, load_pretrained_model
-from grs_agents.perception.types import Image
+from grs_agents.perception.pretrained_models import load_model_config, load_pretrained_model, wrap_model_errors
+from grs_agents.perception.types import Image, Mask, RGBDFrame
 
 Floats = npt.NDArray[np.float32]
 AskAtPoints = Callable[[Floats], tuple[Floats, Floats]]
-"""Maps (N, 2) points across and down, 0..1 of the photo, to (N, M, h, w) logits and (N, M) estimated intersections over
-union of M masks a point."""
+"""Maps (N, 2) points, or (N, 2, 2) upper left and lower right corners of boxes, to (N, M, h, w) logits and (N, M)
+estimated intersections over union of M masks a prompt; across and down, 0..1 of the photo."""
 Embed = Callable[[Image], AskAtPoints]
-"""Embeds a photo; the result is prompted with points."""
+"""Embeds a photo; the result is prompted with points or boxes."""
 
 KINDS = ("sam2", "sam2_video")
 """Model types of transformers that hold a SAM 2; the tracker of a video model is left out."""
@@ -74,6 +75,42 @@ TRACKING = ("memory_", "mask_downsample.", "obj_ptr", "maskmem_", "no_obj_", "no
 """Prefixes of weights that only video tracking needs."""
 
 
+_PROMPTED: WeakKeyDictionary[RGBDFrame, tuple[tuple[str | None, str], AskAtPoints]] = WeakKeyDictionary()
+
+
+def segment_rectangle_with_sam2(
+    frame: RGBDFrame, window: tuple[slice, slice], model: str | None, device: str
+) -> Mask | None:
+    """(H, W) mask of the object in a rectangle, by a SAM 2 prompted with it; the photo is embedded once.
+
+    Args:
+        frame: the photo.
+        window: rows and columns of the rectangle.
+        model: as `load_sam2` takes it.
+        device: where it runs.
+
+    Returns:
+        None if the model sees no object in the rectangle.
+
+    Raises:
+        ConfigError: as `load_sam2`.
+        InputError: the model cannot be loaded, or does not answer.
+    """
+    height, width = frame.depth.shape
+    rows, columns = window
+    with wrap_model_errors("segmentation", Path(model or ""), frame.source, "Sam2Model"):
+        prompted = _PROMPTED.get(frame)
+        if prompted is None or prompted[0] != (model, device):
+            prompted = _PROMPTED[frame] = (model, device), load_sam2(model, device)(frame.rgb)
+        box = ((columns.start / width, rows.start / height), (columns.stop / width, rows.stop / height))
+        logits, scores = prompted[1](np.array([box], np.float32))
+    logit: Floats = logits[0, int(scores[0].argmax())]
+    best = cv2.resize(logit, (width, height), interpolation=cv2.INTER_LINEAR)
+    mask = np.zeros((height, width), np.bool_)
+    mask[window] = np.asarray(best, np.float32)[window] > 0
+    return mask if mask.any() else None
+
+
 def load_sam2(model: str | None, device: str) -> Embed:
     """The SAM 2 that ``segment.model`` names: a folder that transformers wrote, a ``.pt`` of Meta's, or a folder with
     an encoder and a decoder in ONNX.
@@ -114,14 +151,21 @@ def _wrap_torch_model(model: Any, torch: Any) -> Embed:
             embeddings = model.get_image_embeddings(torch.from_numpy(_normalize_photo(rgb, side)).to(model.device))
 
         def ask(points: Floats) -> tuple[Floats, Floats]:
-            prompts = torch.from_numpy(points * side).to(model.device)[None, :, None]
+            prompts, labels = (torch.from_numpy(part).to(model.device)[None] for part in _label_prompts(points * side))
             with torch.inference_mode():
-                answer = model(input_points=prompts, image_embeddings=embeddings)
+                answer = model(input_points=prompts, input_labels=labels, image_embeddings=embeddings)
             return answer.pred_masks[0].cpu().numpy(), answer.iou_scores[0].cpu().numpy()
 
         return ask
 
     return embed
+
+
+def _label_prompts(prompts: Floats) -> tuple[Floats, npt.NDArray[np.int64]]:
+    """(N, P, 2) points and their (N, P) labels: 1 of an object's point, 2 and 3 of a box's corners, as SAM 2 has it."""
+    if prompts.ndim == 2:
+        return prompts[:, None], np.ones((len(prompts), 1), np.int64)
+    return prompts, np.tile(np.array((2, 3), np.int64), (len(prompts), 1))
 
 
 def _normalize_photo(rgb: Image, side: int) -> Floats:
@@ -237,17 +281,18 @@ def _find_single_onnx_file(folder: Path, part: str) -> Path:
 
 
 def _decoder_inputs_for_points(points: Floats, side: int, wanted: Mapping[str, Any]) -> dict[str, Any]:
-    """Decoder inputs for points in pixels, under the names of both ways of export."""
+    """Decoder inputs for prompts in pixels, under the names of both ways of export."""
     count = len(points)
+    points, labels = _label_prompts(points)
     flags = wanted["has_mask_input"].shape[0] if "has_mask_input" in wanted else 1
     return {
-        "point_coords": points[:, None].astype(np.float32),
-        "point_labels": np.ones((count, 1), np.float32),
+        "point_coords": points.astype(np.float32),
+        "point_labels": labels.astype(np.float32),
         "mask_input": np.zeros((count, 1, side // 4, side // 4), np.float32),
         "has_mask_input": np.zeros(1 if flags == 1 else count, np.float32),
         "orig_im_size": np.array([side, side], np.int32),
-        "input_points": points[None, :, None].astype(np.float32),
-        "input_labels": np.ones((1, count, 1), np.int64),
+        "input_points": points[None].astype(np.float32),
+        "input_labels": labels[None],
         "input_boxes": np.zeros((1, 0, 4), np.float32),
     }
 

@@ -20,6 +20,7 @@ from grs_agents.perception.edits import (
     ChooseAsset,
     ChooseShape,
     ChooseTable,
+    CorrectMask,
     Delete,
     Edit,
     Mark,
@@ -45,10 +46,13 @@ _STILL = (0.001, 0.5)  # m, degrees: a gizmo moved by less is not moved
 _READ: Final = 12.0  # s until a refusal disappears
 REPORT: Final = "/report"
 _FILM: Final = re.compile(rb"data:image/webp;base64,[A-Za-z0-9+/=]+")  # in a report, of its film alone
+_RECTANGLES: Final = ("add", "split", "include", "exclude")
 _ASKS: Final[dict[Mode, str]] = {
     "select": "Click an object in the photo, in 3D or in the list.",
     "add": "Drag a rectangle round the object, with a margin of the table.",
     "split": "Drag a rectangle round a part of the selected object.",
+    "include": "Drag a rectangle round the part that the selected object lacks.",
+    "exclude": "Drag a rectangle round the part that is not of the selected object.",
     "merge": "Click the object that belongs to the selected one.",
     "table": "Click the table in the photo. Perception begins anew.",
 }
@@ -108,15 +112,15 @@ class EditPage:
 
     def begin(self, mode: Mode, offer: tuple[Edit, Mask] | None = None) -> None:
         """Wait for what a mode asks, or offer an edit with its mask."""
-        if mode in ("merge", "split"):
+        if mode in ("merge", "split", "include", "exclude"):
             self._require_selected()
         scene = self._server.viser.scene
-        if self._mode in ("add", "split"):
+        if self._mode in _RECTANGLES:
             scene.remove_rect_select_callback("all")
         self._mode, self._offer = mode, offer
-        if mode in ("add", "split"):
+        if mode in _RECTANGLES:
             scene.on_rect_select()(self._later(self._take_rectangle))
-        if mode in ("add", "split", "table") and not self._view.shows_photo:
+        if mode in (*_RECTANGLES, "table") and not self._view.shows_photo:
             self._view.show(photo=True)
         self._redraw()
         self._panel.say(_ASKS[mode])
@@ -195,7 +199,7 @@ class EditPage:
             if name is not None:
                 self.select(name)
             return
-        pixel = None if self._mode in ("add", "split") else self._view.find_pixel(event.client, event.screen_pos)
+        pixel = None if self._mode in _RECTANGLES else self._view.find_pixel(event.client, event.screen_pos)
         if pixel is None:
             return
         if self._mode == "table":
@@ -207,24 +211,26 @@ class EditPage:
     def _take_rectangle(self, event: Any) -> None:
         mode, photo = self._mode, self._editor.photo
         corners = [self._view.find_pixel(event.client, corner) for corner in (event.screen_min, event.screen_max)]
-        if mode not in ("add", "split") or corners[0] is None or corners[1] is None:
+        if mode not in _RECTANGLES or corners[0] is None or corners[1] is None:
             return
         height, width = photo.depth.shape
         columns = np.clip(sorted(corner[0] + 0.5 for corner in corners if corner), 0, width - 1)
         rows = np.clip(sorted(corner[1] + 0.5 for corner in corners if corner), 0, height - 1)
         left, right, top, bottom = (round(float(value)) for value in (*columns, *rows))
         rectangle = Rectangle(left=left, top=top, right=right, bottom=bottom)
+        edit: Add | Split | CorrectMask
         if mode == "add":
-            edit: Edit = Add(rectangle=rectangle)
-            mask = self._editor.preview_mask(rectangle)
-            fault = "differs from its rim: drag a larger or tighter one"
+            edit = Add(rectangle=rectangle)
         else:
-            item, place = self._require_selected()
-            edit = Split(place=place, rectangle=rectangle)
-            mask = self._editor.masks[item.name] & rectangle.mask((height, width))
-            fault = "is of the selected object"
+            _, place = self._require_selected()
+            if mode == "split":
+                edit = Split(place=place, rectangle=rectangle)
+            else:
+                edit = CorrectMask(place=place, rectangle=rectangle, kind=mode)
+        mask = self._editor.preview_part(edit)
         if mask is None or not mask.any():
-            self._panel.say(f"Nothing in this rectangle {fault}.", failed=True)
+            fault = "Nothing in this rectangle differs from its rim: drag a larger or tighter one."
+            self._panel.say(fault, failed=True)
             return
         self.begin("select", (edit, mask))
         self._panel.say(f"{int(mask.sum())} pixels, magenta in the photo: take this mask?")

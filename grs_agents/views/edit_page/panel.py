@@ -12,7 +12,7 @@ from grs_agents.perception.types import Mask, SceneDescription, SceneObject, Tab
 from grs_agents.views.edit_page.object_facts import describe_object, draw_assets, physics_of
 from grs_agents.views.edit_page.photo_plane import Image, escape_lines
 
-Mode = Literal["select", "add", "split", "merge", "table"]
+Mode = Literal["select", "add", "split", "include", "exclude", "merge", "table"]
 Work = Callable[[], None]
 _WIDTH = 300  # px: a third of a small window
 _LEGEND = "3D: drag an object by its arrows or ring. Orange arcs: nearest and farthest reach of the robot."
@@ -96,6 +96,7 @@ class Panel:
         self._facts = gui.add_html("")
         begin: Mapping[str, Work] = {"Merge": partial(acts.begin, "merge"), "Split": partial(acts.begin, "split")}
         self._buttons("Object", {**begin, "Delete": acts.delete})
+        self._buttons("Mask", {"Include": partial(acts.begin, "include"), "Exclude": partial(acts.begin, "exclude")})
         self._buttons(
             "This is", {kind.capitalize(): partial(acts.mark, kind) for kind in ("robot", "scenery", "container")}
         )

@@ -5,12 +5,18 @@ import re
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
 from grs_agents.base.errors import ConfigError, InputError
-from grs_agents.perception.segmentation.sam2_models import load_sam2
-from grs_agents.perception.types import Image
+from grs_agents.perception.segmentation.sam2_models import (
+    DEVIATION,
+    MEAN,
+    load_sam2,
+    segment_rectangle_with_sam2,
+)
+from grs_agents.perception.types import Camera, Image, RGBDFrame
 from tests.needs import needs
 
 RGB: Image = np.random.default_rng(0).integers(0, 256, (60, 80, 3)).astype(np.uint8)
@@ -84,6 +90,28 @@ def test_a_checkpoint_of_metas_answers_as_the_same_model_of_transformers(tmp_pat
     assert np.ptp(one) > 0.1
     np.testing.assert_array_equal(one, other)
     np.testing.assert_array_equal(scores, others)
+
+
+@needs("torch", "transformers")
+def test_a_box_is_a_prompt_as_transformers_takes_it(tmp_path: Path, narrow: Any) -> None:
+    torch = importlib.import_module("torch")
+    narrow.save_pretrained(tmp_path)
+    camera = Camera(fx=80, fy=80, cx=40, cy=30, width=80, height=60, depth_scale=1)
+    frame = RGBDFrame(RGB, np.zeros((60, 80), np.float32), camera, tmp_path)
+    window = np.s_[12:45, 16:56]
+    mask = segment_rectangle_with_sam2(frame, window, str(tmp_path), "cpu")
+    assert mask is not None and mask.shape == (60, 80) and mask.any()
+    assert not mask[:12].any() and not mask[:, 56:].any()
+    again = segment_rectangle_with_sam2(frame, window, str(tmp_path), "cpu")
+    assert again is not None and (mask == again).all()
+    box = np.array([[[16 / 80, 12 / 60], [56 / 80, 45 / 60]]], np.float32)
+    logits, scores = load_sam2(str(tmp_path), "cpu")(RGB)(box)
+    picture = ((cv2.resize(RGB, (1024, 1024)) / 255 - MEAN) / DEVIATION).transpose(2, 0, 1)[None]
+    corners = torch.tensor([[[16 / 80, 12 / 60, 56 / 80, 45 / 60]]]) * 1024
+    with torch.inference_mode():
+        answer = narrow.eval()(pixel_values=torch.tensor(picture, dtype=torch.float32), input_boxes=corners)
+    np.testing.assert_allclose(scores, answer.iou_scores[0], atol=1e-4)
+    np.testing.assert_allclose(logits, answer.pred_masks[0], atol=1e-3)
 
 
 @needs("torch", "transformers")
