@@ -22,6 +22,7 @@ from grs_agents.sim.arms.joint_paths import (
     choose_waypoint_indices,
     evenly_spaced_indices,
     hermite_spline_points,
+    measure_travel,
     rotations_about_z,
 )
 from grs_agents.sim.hands.hand import Hand
@@ -262,7 +263,8 @@ class Arm:
     def solve_ik_for_poses(self, tips: FloatArray, rotations: FloatArray, seed: FloatArray | None = None) -> FloatArray:
         """As ``solve_ik_tool_down``, with the tool rotated by (N, 3, 3) from straight down: it may tilt."""
         joints = self.home_joints if seed is None else seed
-        rows, solutions = choose_waypoint_indices(tips, rotations), list[FloatArray]()
+        travel, solutions = measure_travel(tips, rotations), list[FloatArray]()
+        rows = choose_waypoint_indices(travel)
         for index, row in enumerate(rows):
             ahead = joints if index < 2 else 2 * solutions[-1] - solutions[-2]
             solved = self._arm_model.solve_ik(
@@ -272,7 +274,7 @@ class Arm:
                 return np.full((len(tips), self.dof), np.nan)
             solutions.append(solved)
             joints = solved
-        return hermite_spline_points(np.array(solutions), rows, len(tips))
+        return hermite_spline_points(np.array(solutions), rows, travel)
 
     def reachable_mask(self, tips: FloatArray) -> npt.NDArray[np.bool_]:
         """Mask of the points (N, 3) that the tip can reach, tool down, clear of the table and of the arm itself."""

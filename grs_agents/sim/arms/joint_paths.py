@@ -13,15 +13,21 @@ _SPACING: Final = 0.04
 """Travel between two poses that are solved, metres."""
 TURN_RADIUS: Final = 0.25
 """Travel that a radian of turning counts as, metres."""
+_LEAST: Final = 1e-9
+"""Travel from row to row of a path that stands still, metres: its rows stay apart."""
+_ROUNDED: Final = 1.03
+"""Multiple of a speed limit that a slowed path may reach between rows where it speeds up."""
 
 
-def choose_waypoint_indices(tips: FloatArray, rotations: FloatArray) -> npt.NDArray[np.intp]:
-    """Indices of the rows to solve in a path of poses (N, 3), (N, 3, 3), the first and last included."""
-    if len(tips) == 1:
-        return np.zeros(1, dtype=np.intp)
+def measure_travel(tips: FloatArray, rotations: FloatArray) -> FloatArray:
+    """Distance travelled (N,), metres, along a path of poses (N, 3), (N, 3, 3); turning counts by ``TURN_RADIUS``."""
     steps = np.linalg.norm(np.diff(tips, axis=0), axis=1)
     cosine = np.einsum("nij,nij->n", rotations[1:], rotations[:-1]) / 2 - 0.5
-    travel = np.concatenate([[0.0], np.cumsum(steps + TURN_RADIUS * np.arccos(np.clip(cosine, -1.0, 1.0)))])
+    return np.concatenate([[0.0], np.cumsum(steps + TURN_RADIUS * np.arccos(np.clip(cosine, -1.0, 1.0)) + _LEAST)])
+
+
+def choose_waypoint_indices(travel: FloatArray) -> npt.NDArray[np.intp]:
+    """Indices of the rows to solve of a path, by the distance travelled (N,), the first and last included."""
     return evenly_spaced_indices(travel, max(2, int(np.ceil(travel[-1] / _SPACING)) + 1))
 
 
@@ -32,15 +38,17 @@ def evenly_spaced_indices(travel: FloatArray, count: int) -> npt.NDArray[np.intp
     return rows[np.concatenate([[True], rows[1:] != rows[:-1]])]
 
 
-def hermite_spline_points(values: FloatArray, rows: npt.NDArray[np.intp], count: int) -> FloatArray:
-    """Cubic Hermite spline (count, D) through ``values`` (K, D) at rows (K,)."""
+def hermite_spline_points(values: FloatArray, rows: npt.NDArray[np.intp], travel: FloatArray) -> FloatArray:
+    """Cubic Hermite spline (N, D) over the distance travelled (N,), through ``values`` (K, D) at ``rows`` (K,).
+
+    Over time it would lose the gentle start and end of a short path, of which only both ends are solved.
+    """
     if len(rows) == 1:
-        return np.repeat(values, count, axis=0)
-    slopes = np.gradient(values, rows.astype(np.float64), axis=0)
-    at = np.arange(count)
-    before = (np.searchsorted(rows, at, side="right") - 1).clip(0, len(rows) - 2)
-    width = (rows[before + 1] - rows[before]).astype(np.float64)[:, None]
-    t = (at - rows[before])[:, None] / width
+        return np.repeat(values, len(travel), axis=0)
+    slopes = np.gradient(values, travel[rows], axis=0)
+    before = (np.searchsorted(rows, np.arange(len(travel)), side="right") - 1).clip(0, len(rows) - 2)
+    width = np.diff(travel[rows])[before, None]
+    t = (travel - travel[rows][before])[:, None] / width
     start, end = values[before], values[before + 1]
     rise, fall = slopes[before] * width, slopes[before + 1] * width
     curve = (
@@ -72,16 +80,25 @@ def joint_speeds(path: FloatArray, timestep: float) -> FloatArray:
 
 
 def slow_to_speed_limits(path: FloatArray, timestep: float, limits: FloatArray) -> FloatArray:
-    """The path (N, D), a row per ``timestep`` (s), stretched in time until no joint exceeds its limit (D,)."""
+    """The path (N, D), a row per ``timestep`` (s), stretched in time until no joint exceeds its limit (D,).
+
+    Where it speeds up between two of its rows, ``_ROUNDED`` times the limit may be left.
+    """
     if len(path) < 2:
         return path
-    excess = float((np.abs(path[1:] - path[:-1]).max(axis=0) / (limits * timestep)).max())
-    if excess <= 1:
-        return path
-    at = np.linspace(0.0, len(path) - 1.0, int(np.ceil((len(path) - 1) * excess)) + 1)
-    before = np.minimum(at.astype(np.intp), len(path) - 2)
-    share, rates = (at - before)[:, None], joint_speeds(path, 1.0)
-    return between_waypoints(path[before], path[before + 1], rates[before], rates[before + 1], share)
+    slowed, rates, stretch = path, joint_speeds(path, 1.0), 1.0
+    while (excess := _excess_speed(slowed, timestep, limits)) > (1.0 if stretch == 1.0 else _ROUNDED):
+        stretch *= excess
+        at = np.linspace(0.0, len(path) - 1.0, int(np.ceil((len(path) - 1) * stretch)) + 1)
+        before = np.minimum(at.astype(np.intp), len(path) - 2)
+        share = (at - before)[:, None]
+        slowed = between_waypoints(path[before], path[before + 1], rates[before], rates[before + 1], share)
+    return slowed
+
+
+def _excess_speed(path: FloatArray, timestep: float, limits: FloatArray) -> float:
+    """Greatest speed of a joint along a path (N, D), as a multiple of its limit (D,)."""
+    return float((np.abs(path[1:] - path[:-1]).max(axis=0) / (limits * timestep)).max())
 
 
 def between_waypoints(

@@ -20,7 +20,7 @@ PADS: Final = ("left_pad", "right_pad")
 """Names of the geoms that hold."""
 PAD_FRICTION: Final = (1.5, 0.01, 1e-4)
 """Of rubber pads: sliding, torsional (m), rolling (m)."""
-_STIFFNESS, _DAMPING, _ARMATURE = 4000.0, 5.0, 1.0
+_STIFFNESS, _DAMPING, _ARMATURE = 4000.0, 200.0, 1.0
 """Of a finger's actuator (N/m), and of its joint (N s/m, kg): steady at time steps of 4 ms."""
 _SOLREF, _SOLIMP = (0.008, 1.5), (0.95, 0.99, 0.001, 0.5, 2.0)
 """Of the pads: overdamped, with the shortest time constant, two time steps: with less a jolt drives the pads 2 mm into
@@ -95,12 +95,14 @@ class TwoFingerHand:
         force += GRAVITY * mass * lever / (2 * PAD_FRICTION[0] * self.pad[0])
         return min(force, self.forces[1], _HARD_FORCE)
 
-    def lowest_point(self, axes: FloatArray, width: float) -> float:
-        """Height (m) of the lowest corner of the hand over its tip, with axes (3, 3) and a width (m) between pads."""
+    def lowest_points(self, axes: FloatArray, widths: FloatArray | float) -> FloatArray:
+        """Heights (...,) of the lowest corner of the hand over its tip, with axes (..., 3, 3) and widths (...,)
+        between the pads, metres."""
+        slopes, upright = np.abs(axes[..., 2, :]), axes[..., 2, 2]
         x, y, z = self.pad
-        boxes = [(-z, (x, width / 2 + 2 * y, z))]
-        boxes += [(block.middle[2] - self.length, block.half) for block in self.palm]
-        return min(float(axes[2, 2] * middle - np.abs(axes[2]) @ half) for middle, half in boxes)
+        lows = [-z * upright - slopes @ (x, 2 * y, z) - slopes[..., 1] * widths / 2]
+        lows += [(block.middle[2] - self.length) * upright - slopes @ block.half for block in self.palm]
+        return np.minimum.reduce(lows)
 
     def add_to(
         self,

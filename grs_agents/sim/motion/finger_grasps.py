@@ -21,6 +21,7 @@ from grs_agents.sim.arms.joint_paths import rotations_about_z
 from grs_agents.sim.hands.hand import GRAVITY
 from grs_agents.sim.hands.two_fingers import PAD_FRICTION, TwoFingerHand
 from grs_agents.sim.instance.episode import Outcome
+from grs_agents.sim.motion.arm_motion import UP
 from grs_agents.sim.motion.hand_room import MARGIN, HandRoom
 from grs_agents.sim.world.geom_triangles import geom_triangles_and_normals
 from grs_agents.sim.world.physics import Physics
@@ -132,14 +133,15 @@ def _quaternion(matrix: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class _Surface:
-    """Points (N, 3) on the convex parts of an object, their normals, and the first row of each; frame of its body.
+    """Points (N, 3) on the convex parts of an object, part by part, and their normals; frame of its body, metres.
 
     Vertices bound what the pads meet, yet have no normal: theirs are zero.
     """
 
     points: FloatArray
     normals: FloatArray
-    starts: npt.NDArray[np.intp]
+    parts: npt.NDArray[np.intp]  # (N,) number of the part of each point
+    radius: float  # of a sphere about the origin around them
 
 
 def object_surface(physics: Physics, number: int) -> _Surface:
@@ -177,9 +179,9 @@ def _sample_surface(model: Any, body: int) -> _Surface:
         points.append(inside @ axes.T + model.geom_pos[geom])
         normals.append(out @ axes.T)
     if not points:
-        return _Surface(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, dtype=np.intp))
-    starts = np.cumsum([0, *map(len, points[:-1])])
-    return _Surface(np.concatenate(points), np.concatenate(normals), starts.astype(np.intp))
+        return _Surface(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, dtype=np.intp), 0.0)
+    together, parts = np.concatenate(points), np.repeat(np.arange(len(points)), [len(part) for part in points])
+    return _Surface(together, np.concatenate(normals), parts, float(np.linalg.norm(together, axis=1).max()))
 
 
 @dataclass(frozen=True)
@@ -191,22 +193,24 @@ class _Span:
 
 
 def _spans_between_pads(
-    points: FloatArray, starts: npt.NDArray[np.intp], hand: TwoFingerHand, x: float, heights: FloatArray
+    points: FloatArray, parts: npt.NDArray[np.intp], hand: TwoFingerHand, heights: FloatArray
 ) -> list[list[_Span]]:
-    """Solid spans along the closing axis, for tips at (x, ., z) with z of ``heights`` (Z,), in the frame of the hand.
+    """Solid spans along the closing axis, with the ends of the fingers at ``heights`` (Z,), in the frame of the hand.
 
     Args:
-        points: (N, 3) in the frame of the hand, the points of each convex part together.
-        starts: (P,) first row of each part.
+        points: (N, 3) within the width of the pads, in the frame of the hand, part by part.
+        parts: (N,) number of the convex part of each point.
         hand: the hand.
-        x: place of the pads across the closing axis, metres.
         heights: of the finger ends, metres.
 
     Gaps too narrow for a finger do not part spans.
     """
-    width, thickness, height = hand.pad
+    if not len(points):
+        return [[] for _ in heights]
+    _, thickness, height = hand.pad
+    starts = np.flatnonzero(np.diff(parts, prepend=-1))
     below = heights[:, None] - points[:, 2]
-    inside = (np.abs(points[:, 0] - x) < width) & (below > 0) & (below < 2 * height)
+    inside = (below > 0) & (below < 2 * height)
     lows = np.minimum.reduceat(np.where(inside, points[:, 1], np.inf), starts, axis=1)
     highs = np.maximum.reduceat(np.where(inside, points[:, 1], -np.inf), starts, axis=1)
     full = np.add.reduceat(inside, starts, axis=1, dtype=np.intp) >= _FEW
@@ -229,13 +233,15 @@ def measure_between_pads(
 ) -> tuple[float, float] | None:
     """Ends along the closing axis, from the tip, metres, of what the open pads reach around; None for nothing."""
     hand, surface = physics.fingers.hand, object_surface(physics, number)
-    if not len(surface.points):
-        return None
     position, turn = _body_frame(physics, number)
+    if float(np.linalg.norm(position - tip)) > surface.radius + hand.stroke:
+        return None
     points = (surface.points @ turn.T + position - tip) @ axes
-    (spans,) = _spans_between_pads(points, surface.starts, hand, 0.0, np.zeros(1))
+    near = np.abs(points[:, 0]) < hand.pad[0]
+    points = points[near]
+    (spans,) = _spans_between_pads(points, surface.parts[near], hand, np.zeros(1))
     middle = [span for span in spans if span.high > -hand.stroke / 2 and span.low < hand.stroke / 2]
-    above = points[(np.abs(points[:, 0]) < hand.pad[0]) & (np.abs(points[:, 1]) < hand.stroke / 2), 2]
+    above = points[np.abs(points[:, 1]) < hand.stroke / 2, 2]
     if not middle or float(above.min()) > -_SHALLOWEST:
         return None
     span = min(middle, key=lambda span: abs(span.low + span.high))
@@ -293,6 +299,8 @@ def _search_candidates(
         return ()
     for axes, tilt in _hand_frames(up, tilted):
         points, normals = (surface.points - center) @ axes, surface.normals @ axes
+        if not _has_opposite_faces(normals):
+            continue
         left, right = float(points[:, 0].min()), float(points[:, 0].max())
         top, low = float(points[:, 2].min()), float(points[:, 2].max())
         length = right - left
@@ -301,9 +309,13 @@ def _search_candidates(
         zs = sorted({*(depth for depth in _DEPTHS if depth < deepest), deepest})
         heights = top + np.array(zs)
         for x in sorted({0.0, *np.round(xs, 4).tolist()}) if length >= 0.02 else [0.0]:
-            for depth, spans in zip(zs, _spans_between_pads(points, surface.starts, hand, x, heights), strict=True):
+            near = np.flatnonzero(np.abs(points[:, 0] - x) < hand.pad[0])
+            strip, facing = points[near], normals[near]
+            if not _has_opposite_faces(facing):
+                continue
+            for depth, spans in zip(zs, _spans_between_pads(strip, surface.parts[near], hand, heights), strict=True):
                 for span in spans:
-                    grasp = _rate_span(span, points, normals, hand, x, top + depth, depth, low - top)
+                    grasp = _rate_span(span, strip, facing, hand, x, top + depth, depth, low - top)
                     if grasp is None:
                         continue
                     level = axes @ np.array([grasp.tip[0], grasp.tip[1], 0.0])
@@ -320,6 +332,12 @@ def _search_candidates(
     return tuple(found)
 
 
+def _has_opposite_faces(normals: FloatArray) -> bool:
+    """Whether any of the normals (N, 3) meet the closing axis of the hand on both sides."""
+    along = normals[:, 1]
+    return bool((along <= -_SLANT).any() and (along >= _SLANT).any())
+
+
 def _rate_span(
     span: _Span,
     points: FloatArray,
@@ -330,20 +348,23 @@ def _rate_span(
     depth: float,
     height: float,
 ) -> FingerGrasp | None:
-    """A grasp of a span, in the frame of the hand with its origin at the centre of mass; None for a poor one."""
+    """A grasp of a span, in the frame of the hand with its origin at the centre of mass; None for a poor one.
+
+    Points (N, 3) and their normals are those within the width of the pads.
+    """
     width = span.high - span.low
     if not _THINNEST < width < hand.stroke - 2 * _GAP + 0.002:
         return None
-    pad_width, _, height_of_pad = hand.pad
     rows = np.flatnonzero(
         (points[:, 1] >= span.low)
         & (points[:, 1] <= span.high)
-        & (np.abs(points[:, 0] - x) < pad_width)
         & (points[:, 2] < z)
-        & (points[:, 2] > z - 2 * height_of_pad)
+        & (points[:, 2] > z - 2 * hand.pad[2])
     )
     along, face = points[rows, 1], min(_FACE, width / 2)
     ends = rows[along < span.low + face], rows[along > span.high - face]
+    if normals[ends[0], 1].min() > -_SLANT or normals[ends[1], 1].max() < _SLANT:
+        return None
     counts = [int(np.count_nonzero(normals[end].any(axis=1))) for end in ends]
     if not min(counts):
         return None
@@ -408,55 +429,59 @@ def _describe_shape(physics: Physics, number: int, hand: TwoFingerHand) -> str:
     return f"no two faces of {{name}} are opposite enough, and near enough to its middle, for the {hand.maker}"
 
 
+def _stand_candidates(physics: Physics, number: int, candidates: Sequence[FingerGrasp]) -> list[FingerGrasp | None]:
+    """Candidates in the robot frame, drawn back until no part of the hand is at the table; None if too far."""
+    if not candidates:
+        return []
+    position, turn = _body_frame(physics, number)
+    hands = turn @ np.array([candidate.hand for candidate in candidates])
+    for hand in hands:
+        if not _is_tilted(hand):
+            hand[:] = rotations_about_z(np.array([np.arctan2(hand[1, 0], hand[0, 0])]))[0] @ DOWN
+    tips = np.array([candidate.tip for candidate in candidates]) @ turn.T + position
+    lows = physics.fingers.hand.lowest_points(hands, np.array([candidate.opening for candidate in candidates]))
+    drawn = np.maximum(0.0, _ABOVE_TABLE - tips[:, 2] - lows) / np.maximum(-hands[:, 2, 2], 0.5)
+    tips -= drawn[:, None] * hands[:, :, 2]
+    depths = [candidate.depth - back for candidate, back in zip(candidates, drawn.tolist(), strict=True)]
+    return [
+        replace(candidate, tip=tip, hand=hand, depth=depth) if depth >= _SHALLOWEST else None
+        for candidate, tip, hand, depth in zip(candidates, tips, hands, depths, strict=True)
+    ]
+
+
 class _Standing:
-    """A candidate in the scene as it stands; each check is made once."""
+    """A grasp in the scene as it stands; each check is made once."""
 
-    def __init__(
-        self,
-        physics: Physics,
-        room: HandRoom,
-        number: int,
-        frame: tuple[FloatArray, FloatArray],
-        candidate: FingerGrasp,
-    ) -> None:
-        self._physics, self._room, self._number, self._frame = physics, room, number, frame
-        self._candidate = candidate
+    def __init__(self, physics: Physics, room: HandRoom, number: int, grasp: FingerGrasp) -> None:
+        self._physics, self._room, self._number, self.grasp = physics, room, number, grasp
         self._joints: dict[float, FloatArray | None] = {}
-
-    @cached_property
-    def grasp(self) -> FingerGrasp | None:
-        """In the robot frame, drawn back until no part of the hand is at the table; None if too far."""
-        candidate, (position, turn) = self._candidate, self._frame
-        axes = _upright_if_nearly(turn @ candidate.hand)
-        tip = turn @ candidate.tip + position
-        low = self._physics.fingers.hand.lowest_point(axes, candidate.opening)
-        rise = max(0.0, _ABOVE_TABLE - float(tip[2]) - low)
-        drawn = rise / max(-float(axes[2, 2]), 0.5)
-        if candidate.depth - drawn < _SHALLOWEST:
-            return None
-        return replace(candidate, tip=tip - drawn * axes[:, 2], hand=axes, depth=candidate.depth - drawn)
 
     @cached_property
     def touched(self) -> Sequence[int]:
         """Ids of what the hand would touch at the grasp, open or as it closes, -1 for the table."""
-        grasp = self._grasp
+        grasp = self.grasp
         return self._touched_at(_BACK[0]) or self._room.touched_by_hand(
             grasp.tip, grasp.hand, grasp.width, self._number
         )
 
     @cached_property
     def touched_on_the_way(self) -> Sequence[int]:
-        """As ``touched``, on the way in."""
-        return next((touched for back in _BACK[1:] if (touched := self._touched_at(back))), ())
+        """As ``touched``, on the way in, and as the closed hand lifts."""
+        grasp = self.grasp
+        if touched := next((touched for back in _BACK[1:] if (touched := self._touched_at(back))), ()):
+            return touched
+        lifted = [grasp.tip + rise * UP for rise in _BACK[1:] if _is_tilted(grasp.hand)]
+        ways = (self._room.touched_by_hand(tip, grasp.hand, grasp.width, self._number) for tip in lifted)
+        return next(filter(None, ways), ())
 
     @cached_property
     def touched_by_arm(self) -> Sequence[int] | None:
         """Ids of what the arm would touch at the grasp; None if it does not reach it."""
-        grasp = self._grasp
+        grasp = self.grasp
         joints = next((found for flip in _FLIPS if (found := self.reach(flip)) is not None), None)
         if joints is None:
             return None
-        if grasp.hand[2, 2] > -_NEARLY:  # a tilted wrist is near its limits
+        if _is_tilted(grasp.hand):  # a tilted wrist is near its limits
             outwards = np.array([*grasp.tip[:2], 0.0]) * (_MISS / max(float(np.hypot(*grasp.tip[:2])), _MISS))
             if not all(self._reaches(grasp.tip + way) for way in (outwards, -outwards)):
                 return None
@@ -466,21 +491,16 @@ class _Standing:
         """Joint positions (dof,) at the grasp, with the hand turned half around for -1; None out of reach."""
         if flip not in self._joints:
             seed = self._physics.commanded_joint_positions
-            self._joints[flip] = solve_approach(self._physics, self._grasp.tip, self._grasp.hand, flip, seed)
+            self._joints[flip] = solve_approach(self._physics, self.grasp.tip, self.grasp.hand, flip, seed)
         return self._joints[flip]
 
     def _reaches(self, tip: FloatArray) -> bool:
         seed = self._physics.commanded_joint_positions
-        return any(solve_approach(self._physics, tip, self._grasp.hand, flip, seed) is not None for flip in _FLIPS)
+        return any(solve_approach(self._physics, tip, self.grasp.hand, flip, seed) is not None for flip in _FLIPS)
 
     def _touched_at(self, back: float) -> Sequence[int]:
-        grasp = self._grasp
+        grasp = self.grasp
         return self._room.touched_by_hand(grasp.tip - back * grasp.hand[:, 2], grasp.hand, grasp.opening)
-
-    @property
-    def _grasp(self) -> FingerGrasp:
-        assert self.grasp is not None, "the candidate is not clear of the table"
-        return self.grasp
 
 
 class _SceneSearch:
@@ -495,16 +515,16 @@ class _SceneSearch:
         """The first few candidates with room that the arm reaches, each unlike the others, in the robot frame."""
         key, chosen = (self._number, tilted), list[FingerGrasp]()
         if key not in self._room.memory:
-            frame = _body_frame(self._physics, self._number)
             self._room.memory[key] = [
-                _Standing(self._physics, self._room, self._number, frame, candidate)
-                for candidate in candidates[:_LOOKS]
+                None if grasp is None else _Standing(self._physics, self._room, self._number, grasp)
+                for grasp in _stand_candidates(self._physics, self._number, candidates[:_LOOKS])
             ]
         for standing in self._room.memory[key]:
-            grasp = standing.grasp
-            if grasp is None:
+            if standing is None:
                 self._reasons["table"] += 1
-            elif (
+                continue
+            grasp = standing.grasp
+            if (
                 not any(_alike(grasp, other) for other in chosen)
                 and not self._is_taken("room", standing.touched)
                 and self._has_room_at_place(grasp)
@@ -517,17 +537,16 @@ class _SceneSearch:
         return chosen
 
     def _has_room_at_place(self, grasp: FingerGrasp) -> bool:
-        """Whether the hand can open at the place and draw back; the object itself does not count."""
+        """Whether the hand can come down at the place, open and draw back; the object itself does not count."""
         if self._carry is None:
             return True
         width = min(self._physics.fingers.hand.stroke, grasp.width + 2 * RELEASE)
         place = self._carry(grasp.pose)
         tip, axes = np.array(place[0]) + _LIFTED, hand_axes(place)
-        for back in _BACK:
-            touched = self._room.touched_by_hand(tip - back * axes[:, 2], axes, width, self._number)
-            if self._is_taken("place", touched):
-                return False
-        return True
+        ways = [tip - back * axes[:, 2] for back in _BACK]
+        ways += [tip + rise * UP for rise in _BACK[1:] if _is_tilted(axes)]
+        touched = (self._room.touched_by_hand(way, axes, width, self._number) for way in ways)
+        return not any(self._is_taken("place", owners) for owners in touched)
 
     def _in_reach(self, grasp: FingerGrasp, standing: _Standing) -> bool:
         if standing.touched_by_arm is None:
@@ -599,11 +618,9 @@ def solve_approach(
     return path[1] if arm.first_collision_along(path) is None else None
 
 
-def _upright_if_nearly(axes: FloatArray) -> FloatArray:
-    """The axes (3, 3) of a hand, straight down if they are hardly tilted."""
-    if axes[2, 2] > -_NEARLY:
-        return axes
-    return rotations_about_z(np.array([np.arctan2(axes[1, 0], axes[0, 0])]))[0] @ DOWN
+def _is_tilted(axes: FloatArray) -> bool:
+    """Whether the axes (3, 3) of a hand point down aslant."""
+    return bool(axes[2, 2] > -_NEARLY)
 
 
 def _alike(first: FingerGrasp, second: FingerGrasp) -> bool:

@@ -31,7 +31,7 @@ _NEAR: Final = 0.003
 """Distance from what they close on at which the fingers go on under the dynamics, metres."""
 _LONGEST_CLOSING: Final = 100
 """Most time steps until both pads touch."""
-_SQUEEZE: Final = 20
+_SQUEEZE: Final = 24
 """Time steps in which the gripping force builds up."""
 _SETTLING: Final = (8, 60)
 """Least and most time steps that the open hand waits for a released object to rest."""
@@ -45,10 +45,12 @@ _DEEPER: Final = 0.25
 """Farthest that an object is lowered below its place until it meets its support, metres."""
 _MOST_SHIFT: Final = 0.02
 """Farthest that a place is shifted for what moved between the fingers, metres."""
-_ABOVE_PLACE: Final = 0.012
+_ABOVE_PLACE: Final = 0.02
 _ABOVE_TILTED: Final = 0.05
 """Lengths of the last, guarded part of the way to a place, metres."""
 _HALF_TURNS: Final = (0.0, np.pi, -np.pi)
+_Aim = tuple[int, float, float]
+"""Id of an object between the pads, and its ends along the closing axis from the tip, metres."""
 
 
 class FingerPickPlace(ArmMotion):
@@ -65,16 +67,20 @@ class FingerPickPlace(ArmMotion):
         A pose with nothing between the fingers, as on top of an object, asks for the object below it: the hand takes
         that by a grasp of its own, and moves it by the same motion.
         """
-        if self._find_aimed_object(np.array(pick[0]), finger_grasps.hand_axes(pick)) is None:
+        aimed = self._find_aimed_object(pick)
+        if aimed is None:
             chosen = self._choose_own_grasp(pick, place)
             if isinstance(chosen, PickPlaceResult):
                 return chosen
             pick, place = chosen
+            aimed = self._find_aimed_object(pick)
+        rise = self._rise_off_table(pick, aimed)
+        pick, place = _raised(pick, rise), _raised(place, rise)
         poses = self._choose_half_turn(pick, place)
         if poses is None:
             return self._make_unreachable_result(pick)
         before = {number: self.physics.object_pose(number) for number in self.physics.world.addresses}
-        picked = self._pick_object(pick, poses[0])
+        picked = self._pick_object(pick, poses[0], aimed)
         if picked.grasped is None:
             return picked
         motion = transforms.compose_poses(place, transforms.invert_pose(pick))
@@ -100,10 +106,12 @@ class FingerPickPlace(ArmMotion):
 
     def pick_and_lift(self, pick: Pose, height: float) -> PickPlaceResult:
         """Pick, and lift by ``height`` (m); ``placed`` if the object hangs there."""
+        aimed = self._find_aimed_object(pick)
+        pick = _raised(pick, self._rise_off_table(pick, aimed))
         poses = self._choose_half_turn(pick, pick)
         if poses is None:
             return self._make_unreachable_result(pick)
-        picked = self._pick_object(pick, poses[0])
+        picked = self._pick_object(pick, poses[0], aimed)
         if picked.grasped is None:
             return picked
         here = self._current_tool_pose()
@@ -113,7 +121,7 @@ class FingerPickPlace(ArmMotion):
         return PickPlaceResult(picked.grasped, False, self._describe_loss(picked.grasped), "dropped")
 
     def _correct_for_hanging(self, held: int, place: Pose, motion: Pose, before: Pose) -> Pose:
-        """The place pose, shifted sideways so that what is held now arrives where ``motion`` brings it.
+        """The place pose, shifted so that what is held now arrives where ``motion`` brings it, never lower.
 
         What the fingers close on moves a little between them, and a bowl taken by its rim tilts.
         """
@@ -123,7 +131,7 @@ class FingerPickPlace(ArmMotion):
         if float(np.hypot(*shift[:2])) > _MOST_SHIFT:
             return place
         (x, y, z), rotation = place
-        return (x + float(shift[0]), y + float(shift[1]), z), rotation
+        return (x + float(shift[0]), y + float(shift[1]), z + min(max(0.0, float(shift[2])), _MOST_SHIFT)), rotation
 
     def _choose_half_turn(self, pick: Pose, place: Pose) -> tuple[ToolPose, ToolPose] | None:
         """Tool poses of pick and place, turned half around where the wrist demands it; None if out of reach."""
@@ -157,15 +165,14 @@ class FingerPickPlace(ArmMotion):
         note = f"the arm cannot reach {format_point(pick[0])} with the hand so turned{self._hindrance}"
         return PickPlaceResult(None, False, note, "unreachable")
 
-    def _pick_object(self, pick: Pose, ready: ToolPose) -> PickPlaceResult:
+    def _pick_object(self, pick: Pose, ready: ToolPose, aimed: _Aim | None) -> PickPlaceResult:
         """Come to a grasp along the hand, close, and lift a little."""
         physics, fingers = self.physics, self.fingers
         axes = finger_grasps.hand_axes(pick)
-        aimed = self._find_aimed_object(np.array(pick[0]), axes)
         if aimed is None:
             return PickPlaceResult(None, False, f"there is nothing between the fingers at {format_point(pick[0])}")
         number, low, high = aimed
-        opening = min(self.hand.stroke, high - low + 2 * _SIDE)
+        opening = self._opening(low, high)
         fingers.force = self.hand.forces[1]  # whatever was held before
         fingers.set_width(opening)
         near = ready.shifted_by(-finger_grasps.RETREAT * axes[:, 2])
@@ -197,9 +204,10 @@ class FingerPickPlace(ArmMotion):
             return PickPlaceResult(None, False, note, "no_grip")
         return PickPlaceResult(held, False, "grasped")
 
-    def _find_aimed_object(self, tip: FloatArray, axes: FloatArray) -> tuple[int, float, float] | None:
-        """The movable object nearest to the middle between the open pads, and its ends along the closing axis, m."""
-        best: tuple[float, tuple[int, float, float]] | None = None
+    def _find_aimed_object(self, pick: Pose) -> _Aim | None:
+        """The movable object nearest to the middle between the open pads at a pose."""
+        tip, axes = np.array(pick[0]), finger_grasps.hand_axes(pick)
+        best: tuple[float, _Aim] | None = None
         for number in self.physics.world.addresses:
             ends = finger_grasps.measure_between_pads(self.physics, number, tip, axes)
             if ends is not None and (best is None or abs(sum(ends)) < best[0]):
@@ -217,23 +225,27 @@ class FingerPickPlace(ArmMotion):
         return bool((robot & (along > _HEAD_ON)).any())
 
     def _close(self, number: int, opening: float) -> None:
-        """Close the fingers on an object with the force that suits its mass."""
+        """Close the fingers on an object, gently until both pads touch, then with the force that suits its mass.
+
+        The finger that is first pushes the object: with more force it tips it, and snaps after it.
+        """
         physics, fingers = self.physics, self.fingers
         tip, axes = np.array(physics.tip_position), self._current_axes()
         lever = abs(float(np.cross(physics.center_of_mass(number) - tip, axes[:, 1])[2]))  # about the pads' axis
-        force = self.hand.gripping_force(physics.object_mass(number), lever)
+        gentle, force = self.hand.gripping_force(0.0), self.hand.gripping_force(physics.object_mass(number), lever)
         ends = finger_grasps.measure_between_pads(physics, number, tip, axes)
         start = opening if ends is None else min(opening, 2 * (max(-ends[0], ends[1]) + _NEAR))
         step = 2 * self.hand.speed * physics.timestep * _PART
         start = fingers.narrow_to(start)
         physics.pass_time(_PART * math.ceil((opening - start) / step))
         for count in range(0, _LONGEST_CLOSING, _PART):
-            fingers.command(max(0.0, start - step * (count // _PART + 1)), force, closing=True)
+            fingers.command(max(0.0, start - step * (count // _PART + 1)), gentle, closing=True)
             physics.step(_PART)
             if fingers.pads_touching(number) == 2:
                 break
-        fingers.command(0.0, force, closing=True)
-        physics.step(_SQUEEZE)
+        for share in np.linspace(0.0, 1.0, _SQUEEZE // _PART + 1)[1:].tolist():
+            fingers.command(0.0, gentle + share * (force - gentle), closing=True)
+            physics.step(_PART)
 
     def _lift_a_little(self, held: int) -> None:
         """Lift from the support, and from between neighbours, under the dynamics."""
@@ -282,10 +294,22 @@ class FingerPickPlace(ArmMotion):
 
     def _lowest_place(self, place: ToolPose) -> ToolPose:
         """A little below a place, with the hand clear of the table."""
-        axes = _tool_rotation(place) @ DOWN
-        floor = _LOWEST - self.hand.lowest_point(axes, self.fingers.width)
         x, y, z = place.point
+        floor = self._floor(_tool_rotation(place) @ DOWN, self.fingers.width)
         return ToolPose((x, y, min(z, max(z - _DEEPER, floor))), place.yaw, place.tilt)
+
+    def _rise_off_table(self, pick: Pose, aimed: _Aim | None) -> float:
+        """Height (m) by which a grasp must rise for the hand, open as it comes there, to be clear of the table."""
+        width = self.hand.stroke if aimed is None else self._opening(*aimed[1:])
+        return max(0.0, self._floor(finger_grasps.hand_axes(pick), width) - pick[0][2])
+
+    def _floor(self, axes: FloatArray, width: float) -> float:
+        """Lowest height (m) of the tip with axes (3, 3) of the hand and a width (m) between the pads."""
+        return _LOWEST - float(self.hand.lowest_points(axes, width))
+
+    def _opening(self, low: float, high: float) -> float:
+        """Width between the pads on the way to what ends there along the closing axis, metres."""
+        return min(self.hand.stroke, high - low + 2 * _SIDE)
 
     def _release(self) -> None:
         """Open, wait for what was held to rest, and draw back along the hand, then up."""
@@ -328,6 +352,11 @@ _PART: Final = 4
 
 def _wrap(angle: float) -> float:
     return float((angle + np.pi) % (2 * np.pi) - np.pi)
+
+
+def _raised(pose: Pose, rise: float) -> Pose:
+    (x, y, z), rotation = pose
+    return (x, y, z + rise), rotation
 
 
 def _tool_rotation(pose: ToolPose) -> FloatArray:

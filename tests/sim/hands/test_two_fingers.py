@@ -61,6 +61,22 @@ def test_fingers_that_hold_open_at_once() -> None:
     assert fingers.pads_touching(1) == 0
 
 
+@pytest.mark.parametrize(("robot", "hand"), ROBOTS)
+def test_fingers_that_lose_what_they_hold_do_not_snap(robot: str, hand: str) -> None:
+    env = one_block(robot, hand)
+    fingers, physics = env.physics.fingers, env.physics
+    grasp = env.end_effector.find_grasps(physics, 1, env.object_prism(1), ()).poses[0]
+    assert env.pick_place_motion.pick_and_lift(grasp, 0.05).placed
+    fingers.command(0.0, fingers.hand.gripping_force(1.0), closing=True)
+    physics.step(20)
+    widths = [fingers.width]
+    physics.observer = lambda: widths.append(fingers.width)
+    physics.teleport_object(1, at(0.5, -0.3, 0.02))
+    physics.step(60)
+    assert widths[-1] < widths[0] - 0.02
+    assert np.diff(widths).min() > -2 * 0.25 * physics.timestep  # 0.25 m/s of each finger
+
+
 @pytest.mark.parametrize("hand", [FRANKA_HAND, ROBOTIQ_2F85])
 def test_the_fingers_open_as_wide_as_the_data_sheet_says(hand) -> None:
     env = one_block(hand=hand.name)

@@ -145,6 +145,19 @@ def test_a_wall_beside_turns_the_hand() -> None:
         assert abs(hand_axes(pose)[1, 1]) > 0.85  # the pads close along the walls
 
 
+def test_a_hand_that_comes_in_below_an_overhang_could_not_lift() -> None:
+    def scene(task, env) -> None:
+        env.add_object("block/block.urdf", at(0.5, 0.0, 0.02))
+        slab = task.fill_template("box/box-template.urdf", {"DIM": (0.06, 0.06, 0.02)})
+        env.add_object(slab, at(0.5, 0.0, 0.12), "fixed")
+
+    env = Environment(task=Scripted(scene), robot="ur5e", hand="robotiq_2f85")
+    env.reset()
+    found = grasps(env, 1)
+    assert found.poses == ()
+    assert "no room for the Robotiq 2F-85" in found.why
+
+
 def test_a_hand_with_no_room_at_the_place_takes_another_grasp() -> None:
     env = table(
         ("HOPE/Ketchup.urdf", (0.45, 0.25, 0.08)),
@@ -207,6 +220,34 @@ def test_a_miss_of_half_a_centimetre_is_borne() -> None:
         pick = ((x + dx, y + dy, z + 0.004), transforms.multiply_quaternions(lean, turn))
         placed += env.pick_place(pick, ((x + dx, y + dy - 0.3, z + 0.004), pick[1])).note == "placed"
     assert placed == 10
+
+
+@pytest.mark.parametrize(("asset", "height"), [("HOPE/Tuna.urdf", 0.02), ("HOPE/Spaghetti.urdf", 0.03)])
+def test_a_grasp_below_the_table_is_raised_off_it(asset: str, height: float) -> None:
+    env = table((asset, (0.5, 0.1, height)))
+    (x, y, z), turn = grasps(env, 1).poses[0]
+    low = z - 0.008
+    assert low < 0.0
+    assert env.pick_place(((x, y, low), turn), ((x, y - 0.3, low), turn)).note == "placed"
+
+
+def test_the_finger_that_touches_first_pushes_gently() -> None:
+    env = heavier(table(("HOPE/Ketchup.urdf", (0.5, 0.1, 0.08))), 1, 0.3)
+    physics, fingers = env.physics, env.physics.fingers
+    (x, y, z), turn = pose = grasps(env, 1).poses[0]
+    aside = 0.005 * hand_axes(pose)[:, 1]
+    pushing: list[float] = []
+
+    def look() -> None:
+        if fingers.closing and fingers.held is None and fingers.pads_touching(1) == 1:
+            pushing.append(fingers.force)
+
+    physics.observer = look
+    pick = ((x + float(aside[0]), y + float(aside[1]), z), turn)
+    assert env.pick_place_motion.pick_and_lift(pick, 0.05).placed
+    assert pushing
+    assert max(pushing) == fingers.hand.gripping_force(0.0)
+    assert fingers.force > 3 * max(pushing)
 
 
 def test_the_oracle_solves_a_task_with_fingers() -> None:
