@@ -167,7 +167,10 @@ class PrimitiveTask:
             if action is None:
                 return
             features, waiting = self.features(), self.waiting
-            before = {number: (self.object_frame(number), self.goal_frame(number)[0]) for number in self.candidates}
+            before = {
+                number: (self._sim.get_object_pose(self._task.ids[number]), self.goal_frame(number)[0])
+                for number in self.candidates
+            }
             action_done = dict(action)
             if rng is not None and noise:
                 (x, y, z), turn = action["pose1"]
@@ -177,14 +180,11 @@ class PrimitiveTask:
             picked = self._sim.recorder.actions[-1].object
             moved = next((number for number in self.candidates if self._task.ids[number] == picked), None)
             if moved is not None:  # the decision is where the action carries the object to
-                (x, y, yaw), goal = before[moved]
-                (x0, y0, _), _ = action["pose0"]
-                (x1, y1, _), rotation = action["pose1"]
-                turn = transforms.yaw_of_quaternion(rotation)
-                cos, sin, dx, dy = math.cos(turn), math.sin(turn), x - x0, y - y0
-                place = (x1 + cos * dx - sin * dy, y1 + sin * dx + cos * dy)
-                decision = CarryDecision(moved, place, yaw + turn)
-                yield ExpertChoice(features, waiting, decision, relative_frame(goal, (*place, decision.yaw)))
+                pose, goal = before[moved]
+                motion = transforms.compose_poses(action["pose1"], transforms.invert_pose(action["pose0"]))
+                x, y, yaw = _pose_to_frame(transforms.compose_poses(motion, pose))
+                decision = CarryDecision(moved, (x, y), yaw)
+                yield ExpertChoice(features, waiting, decision, relative_frame(goal, (x, y, yaw)))
 
 
 def _pose_to_frame(pose: Pose) -> Frame:

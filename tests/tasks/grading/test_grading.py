@@ -7,6 +7,8 @@ from grs_agents.base.errors import InputError
 from grs_agents.base.files import write_json
 from grs_agents.library.library import Library
 from grs_agents.sim import instantiate, near, stacked
+from grs_agents.sim.variation.types import Variation
+from grs_agents.sim.variation.vary import vary_instance
 from grs_agents.tasks.grading.grade import grade_task, measure_tolerance, noise_at_half_success
 from grs_agents.tasks.grading.primitive_policy import PrimitiveDemonstration, PrimitivePolicy
 from grs_agents.tasks.grading.primitive_task import (
@@ -51,6 +53,16 @@ def test_a_decision_carries_an_object_to_a_place_with_a_yaw() -> None:
     task.carry(CarryDecision(2, (0.5, 0.25), 0.0))
     assert task.is_over
     assert task.is_solved
+
+
+@pytest.mark.parametrize(("robot", "hand"), [("ur5e", "suction"), ("panda", "franka_hand")])
+def test_a_decision_of_the_expert_is_where_the_object_goes(robot: str, hand: str) -> None:
+    turned = vary_instance(INSTANCE, Variation(yaw=0.5), np.random.default_rng(0), LIBRARY)
+    instance = turned.model_copy(update={"robot": robot, "hand": hand})
+    shown = demonstrate(PrimitiveTask(instance, LIBRARY), instance)
+    assert shown is not None
+    (x, y, yaw) = shown.places[shown.objects.tolist().index(1)]
+    assert (x, y, np.sin(4 * yaw)) == pytest.approx((0, 0, 0), abs=0.005)
 
 
 def test_a_policy_learns_from_a_demonstration_what_chance_does_not_find() -> None:
