@@ -10,12 +10,12 @@ from grs_agents.base.config.load import EffectiveConfig
 from grs_agents.base.terminal import print_escaped
 from grs_agents.base.trace.events import Event, NodeEnded
 from grs_agents.base.trace.log import EventLog
+from grs_agents.cli.run import execute_order
 from grs_agents.cli.run_outputs import write_report
 from grs_agents.graph.editing import REVIEW
 from grs_agents.perception.edits import FILE, read_edits
 from grs_agents.perception.reading.known_scene import is_known_scene
 from grs_agents.perception.reading.scene_source import resolve_scene_path
-from grs_agents.runs.execution import execute_run
 from grs_agents.runs.record import read_record
 from grs_agents.runs.run_opening import RunOrder
 from grs_agents.runs.scene_editor import SceneEditor, open_scene_editor
@@ -78,7 +78,7 @@ def _go_on(source: Path, editor: SceneEditor, config: EffectiveConfig, show: Cal
         with attach_live_views(folder, log, progress=False):
             yield
 
-    ended = execute_run(order_run(source, editor.folder, config), views)
+    ended = execute_order(order_run(source, editor.folder, config), views)
     if ended.problem is not None:
         raise ended.problem
     report = write_report(ended.folder, None, lambda _: None)

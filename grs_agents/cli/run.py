@@ -24,7 +24,7 @@ from grs_agents.perception.coverage import describe_coverage
 from grs_agents.perception.edits import read_edits
 from grs_agents.perception.reading.scene_source import resolve_scene_path
 from grs_agents.perception.types import SceneDescription, read_scene_description
-from grs_agents.runs.execution import WAITING, UnexpectedError, Views, execute_run
+from grs_agents.runs.execution import WAITING, Outcome, UnexpectedError, Views, execute_run
 from grs_agents.runs.record import RunRecord, read_record
 from grs_agents.runs.run_opening import RunOrder
 from grs_agents.views.common.foreign_decoding import decode_in_worker
@@ -51,10 +51,15 @@ def run_graph(
     return run_until_ended_and_print(order, scene, as_json, partial(attach_live_views, view=view, otel=otel))
 
 
+def execute_order(order: RunOrder, views: Views) -> Outcome:
+    """Execute a run; what it finds in the folder that it resumes, which may be foreign, is decoded in a worker."""
+    with decode_in_worker(order.out) if order.resume and order.out else nullcontext():
+        return execute_run(order, views)
+
+
 def run_until_ended_and_print(order: RunOrder, scene: Path, as_json: bool, views: Views = attach_live_views) -> int:
     """Run the order, ask its questions at the terminal, and print the outcome."""
-    with decode_in_worker(order.out) if order.resume and order.out else nullcontext():  # it may be a foreign folder
-        ended = execute_run(order, views)
+    ended = execute_order(order, views)
     while ended.record.question is not None and sys.stdin.isatty() and not as_json:
         print_question(ended.record.question)
         reply = typer.prompt("reply")

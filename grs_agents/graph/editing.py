@@ -42,7 +42,7 @@ from grs_agents.graph.state import RunState, TableObject
 from grs_agents.library.library import Library
 from grs_agents.library.shapes import matrix_from_quaternion
 from grs_agents.perception.annotated_pictures import draw_object_names
-from grs_agents.perception.coverage import measure_coverage, raised_pixel_mask
+from grs_agents.perception.coverage import MeasuredCoverage, measure_coverage, raised_pixel_mask
 from grs_agents.perception.edits import (
     AS_SEEN,
     FILE,
@@ -188,7 +188,7 @@ def open_edited_scene(scene: SceneDescription, frame: RGBDFrame, folder: Path) -
     """The scene of a run folder before any edit.
 
     Raises:
-        InputError: a picture of the folder is missing, or not of the photo's size.
+        InputError: a picture of the folder is missing, not of the photo's size, or an object without pixels.
     """
     shape = frame.depth.shape
     names = ("left_out", "robot", "blur")
@@ -204,6 +204,8 @@ def open_edited_scene(scene: SceneDescription, frame: RGBDFrame, folder: Path) -
     for name, mask in sized.items():
         if mask.shape != shape:
             raise InputError(f"{folder}: the mask {name} is of another size than the photo", "make the scene again")
+    if empty := [edited.item.mask for edited in objects if not edited.mask.any()]:
+        raise InputError(f"{folder}: the mask {empty[0]} is empty", "make the scene again")
     return EditedScene(
         before=scene,
         photo=frame,
@@ -725,7 +727,7 @@ def _place_robot(scene: EditedScene, edit: PlaceRobot) -> EditedScene:
 
 
 def settle_edited_scene(scene: EditedScene, services: Services, settler: GroupSettler) -> SceneDescription:
-    """The corrected scene at rest, ready for tasks; the picture of its coverage is written into the run folder.
+    """The corrected scene at rest, ready for tasks.
 
     Raises:
         InputError: no object is left, or the arm can move none of them.
@@ -754,8 +756,6 @@ def settle_edited_scene(scene: EditedScene, services: Services, settler: GroupSe
         body_from_asset(item.name, item.asset, item.settled or (item.position, item.orientation), library)
         for item in objects
     ]
-    removed = [(mask, dropped.reason) for mask, dropped in scene.removed]
-    coverage = measure_coverage(frame, table, scene.above, owned, removed).write(frame, services.folder)
     ids = {item.id for item in objects}
     description = scene.before.model_copy(
         update={
@@ -767,11 +767,17 @@ def settle_edited_scene(scene: EditedScene, services: Services, settler: GroupSe
             ),
             "relations": find_spatial_relations(bodies),
             "twin": twin,
-            "coverage": coverage,
+            "coverage": _measure_coverage(scene).record,
             "edits": scene.lines,
         }
     )
     return prepare_scene_for_tasks_with_warnings(description, services)
+
+
+def _measure_coverage(scene: EditedScene) -> MeasuredCoverage:
+    owned = np.any([edited.mask for edited in scene.objects], axis=0)
+    removed = [(mask, dropped.reason) for mask, dropped in scene.removed]
+    return measure_coverage(scene.photo, scene.table, scene.above, owned, removed)
 
 
 def save_corrected_scene(
@@ -787,7 +793,8 @@ def save_corrected_scene(
     write_edits(edits, folder / FILE)
     save_label_pictures(scene.photo, {edited.item.id: edited.mask for edited in scene.objects}, folder)
     files = save_twin_picture(corrected, services.library, folder)
-    files |= {} if corrected.coverage is None else {"coverage": corrected.coverage.picture}
+    if corrected.coverage is not None:
+        files["coverage"] = _measure_coverage(scene).write(scene.photo, folder).picture
     log.append(SceneStage(stage="matched", summary=dict(corrected), files=files))
     log_edits(corrected, log)
     return draw_object_names(scene.photo, masks, folder)

@@ -44,10 +44,15 @@ class MeasuredCoverage:
     owned: Mask  # (H, W)
     regions: tuple[tuple[Mask, UnownedRegion], ...]  # (H, W) pixels of each unowned region, the largest first
 
-    def write(self, frame: RGBDFrame, run: Path) -> Coverage:
-        """Draw the photo with the unowned regions into the run folder. Returns: the record for `scene.json`."""
-        draw_numbered_regions(frame, self.owned, [mask for mask, _ in self.regions], run / PICTURE)
+    @property
+    def record(self) -> Coverage:
+        """The record for `scene.json`."""
         return Coverage(share=self.share, unowned=tuple(region for _, region in self.regions), picture=PICTURE)
+
+    def write(self, frame: RGBDFrame, run: Path) -> Coverage:
+        """Draw the photo with the unowned regions into the run folder. Returns: `record`."""
+        draw_numbered_regions(frame, self.owned, [mask for mask, _ in self.regions], run / PICTURE)
+        return self.record
 
 
 def raised_pixel_mask(

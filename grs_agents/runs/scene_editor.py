@@ -199,11 +199,13 @@ class SceneEditor:
         """Perceive the photo with another table; the folder is written anew."""
         if is_known_scene(self._order.source):
             raise InputError(f"{self._order.source} is a scene whose table is chosen", "open the photo instead")
+        self._saved = None
         try:
             _perceive(self._order, self._views, self.folder, edits)
             self._rebuild(edits)
         except GrsError:
             _perceive(self._order, self._views, self.folder, self._edits)
+            self._rebuild(self._edits)  # their files are gone, too
             raise
 
 

@@ -5,12 +5,14 @@ import shutil
 from collections.abc import Generator
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from grs_agents.base.config.load import load_config
 from grs_agents.base.errors import GrsError, InputError
 from grs_agents.cli.edit import order_run
+from grs_agents.graph.editing import BEFORE, open_edited_scene
 from grs_agents.graph.scene_prompt import scene_for_prompt
 from grs_agents.library.library import Library
 from grs_agents.perception.edits import (
@@ -31,7 +33,7 @@ from grs_agents.perception.edits import (
     SetMass,
     Split,
 )
-from grs_agents.perception.types import Mask, SceneDescription, SceneObject
+from grs_agents.perception.types import Mask, SceneDescription, SceneObject, read_scene_description
 from grs_agents.runs.record import read_record
 from grs_agents.runs.run_opening import RunOrder
 from grs_agents.runs.scene_editor import SceneEditor
@@ -229,6 +231,26 @@ def test_undo_and_redo_give_the_scenes_before_and_after(editor: SceneEditor) -> 
         editor.redo()
 
 
+def test_a_scene_with_an_object_without_pixels_is_refused(editor: SceneEditor, tmp_path: Path) -> None:
+    folder = shutil.copytree(editor.folder, tmp_path / "foreign")
+    scene = read_scene_description(folder / BEFORE)
+    cv2.imwrite(str(folder / scene.objects[0].mask), np.zeros(editor.photo.depth.shape, np.uint8))
+    with pytest.raises(InputError, match=f"the mask {scene.objects[0].mask} is empty"):
+        open_edited_scene(scene, editor.photo, folder)
+
+
+def test_a_scene_that_is_saved_after_undo_has_the_picture_of_its_coverage(editor: SceneEditor) -> None:
+    assert editor.scene.coverage is not None
+    picture = editor.folder / editor.scene.coverage.picture
+    before = picture.read_bytes()
+    editor.apply(Delete(place=editor.place_of("tuna_1")))
+    editor.save()
+    assert picture.read_bytes() != before
+    editor.undo()
+    editor.save()
+    assert picture.read_bytes() == before
+
+
 def replay(folder: Path, *arguments: str) -> None:
     """Run ``grs`` with a sandbox that others use too."""
     done = grs(*arguments, folder=folder)
@@ -307,6 +329,12 @@ def test_a_photo_without_calibration_is_corrected_and_replayed(small_scene: Path
         before = named(editor.scene)[third].position
         editor.apply(Delete(place=editor.place_of(first)))
         editor.apply(ChooseShape(place=editor.place_of(second), shape="box"))
+        editor.save()
+        files = files_of(editor.folder, editor.library)
+        with pytest.raises(InputError, match="fills the table"):
+            editor.apply(ChooseTable(point=(305, 230)))  # the plane of the floor
+        editor.save()  # perception has written the folder anew
+        assert files_of(editor.folder, editor.library) == files
         editor.apply(PlaceRobot(position=(0.05, 0.02), yaw=0.1))
         shifted = np.array((before[0] - 0.05, before[1] - 0.02))
         turned = np.array([[np.cos(0.1), np.sin(0.1)], [-np.sin(0.1), np.cos(0.1)]]) @ shifted

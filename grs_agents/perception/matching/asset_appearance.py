@@ -89,17 +89,18 @@ def load_appearance(name: str, library: Library) -> Appearance:
     """
     files = [file for file in _list_asset_files(name, library) if file is not None]
     stamp = tuple((file, file.stat().st_mtime_ns) for file in files)
-    if stamp not in _appearances:
+    appearance = _appearances.get(stamp)
+    if appearance is None:
         key = hash_asset_files(name, library)
         arrays = load_cached_arrays(key)
         if arrays is None:
             arrays = _compute_appearance_arrays(name, library)
             save_cached_arrays(key, arrays)
         fields: dict[str, Any] = {**arrays, "cell": float(arrays["cell"])}
-        if len(_appearances) == _KEPT:
-            del _appearances[next(iter(_appearances))]
-        _appearances[stamp] = Appearance(**fields)
-    return _appearances[stamp]
+        if len(_appearances) >= _KEPT:
+            _appearances.pop(next(iter(_appearances)), None)
+        appearance = _appearances[stamp] = Appearance(**fields)
+    return appearance
 
 
 def _compute_appearance_arrays(name: str, library: Library) -> Arrays:

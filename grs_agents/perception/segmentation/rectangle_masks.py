@@ -109,7 +109,8 @@ def segment_rectangle(
     mask = _segment(small.rgb, _find_surfaces(small, table), (rows, columns), masks, domain, config)
     if mask is None or factor == 1:
         return mask
-    return np.asarray(upscale_labels(mask.astype(np.int32), small, frame, factor) > 0, np.bool_)
+    full = np.asarray(upscale_labels(mask.astype(np.int32), small, frame, factor) > 0, np.bool_)
+    return full if whole is None else full & whole  # cells at its border reach beyond it
 
 
 def _find_surfaces(small: RGBDFrame, table: TableFrame) -> _Surfaces:

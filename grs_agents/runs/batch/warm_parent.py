@@ -118,12 +118,11 @@ class _Server:
             return None
         die_with_parent(parent, signal.SIGTERM)
         os.setpgid(0, 0)  # Ctrl-C reaches the driver alone, which asks each run once
-        for descriptor in (self._requests.detach(), driver, *self._ends.values(), *self._drivers.values()):
-            os.close(descriptor)
+        self._requests.detach()  # its descriptor is 0
         nothing = os.open(os.devnull, os.O_RDWR)
         for source, target in ((nothing, 0), (nothing, 1), (log, 2)):
             os.dup2(source, target)
-        for descriptor in {nothing, log} - {0, 1, 2}:
+        for descriptor in (nothing, log, driver, *self._ends.values(), *self._drivers.values()):
             os.close(descriptor)
         return command
 

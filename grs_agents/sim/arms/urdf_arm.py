@@ -21,6 +21,8 @@ from grs_agents.sim.arms.robot_file_check import LARGEST, LARGEST_MESH, LARGEST_
 URDF: Final = ".urdf"
 SPEEDS: Final = "grs_speeds"
 """Name of the custom text in MJCF that holds the greatest speeds of a URDF's joints as JSON."""
+SLOWEST: Final = 1e-3
+"""Least speed limit of a joint, rad/s or m/s: a motion takes a row of its path each time step."""
 _WORKER: Final = "grs_agents.sim.arms.urdf_worker"
 _LEVELS: Final = 4
 """Folders around a URDF in which its meshes are sought: those of a package in a repository of packages."""
@@ -46,11 +48,11 @@ def find_mjcf(robot: Path) -> Path:
 
 def read_joint_speeds(spec: Any, robot: str) -> dict[str, float]:
     """Greatest speeds of joints by name, rad/s or m/s, that the spec of a converted URDF keeps.
-    Raises ``InputError``: they are not positive numbers."""
+    Raises ``InputError``: they are no finite numbers of at least ``SLOWEST``."""
     for text in spec.texts:
         if str(text.name) == SPEEDS:
             try:
-                return TypeAdapter(dict[str, Annotated[float, Field(gt=0, allow_inf_nan=False)]]).validate_json(
+                return TypeAdapter(dict[str, Annotated[float, Field(ge=SLOWEST, allow_inf_nan=False)]]).validate_json(
                     text.data
                 )
             except ValidationError as error:

@@ -18,7 +18,7 @@ from grs_agents.library.importing.source_folder import SourceFolder
 from grs_agents.library.importing.types import ImportLimits, MeshPart
 from grs_agents.library.mesh_files import format_obj_text
 from grs_agents.sandbox.harness.answers import answer_or_refuse, send_blob
-from grs_agents.sim.arms.urdf_arm import SPEEDS, parse_urdf
+from grs_agents.sim.arms.urdf_arm import SLOWEST, SPEEDS, parse_urdf
 
 _TOOL: Final = "tool0"
 """Link of a URDF whose frame is that of the tool, z outwards, by ROS-Industrial's convention."""
@@ -45,7 +45,7 @@ def _convert(robot: Path, root: Path, files: dict[str, str]) -> dict[str, Any]:
     prefix = re.sub(r"\W+", "_", robot.stem)  # a folder may hold several arms
     assets: dict[str, bytes] = {}
     pieces: dict[str, list[tuple[str, str | None]]] = {}  # names and colours of the parts of each file
-    for link in top.iter("link"):
+    for link in top.findall("link"):
         for shape in list(link):
             mesh = shape.find("geometry/mesh")
             if mesh is None:
@@ -65,7 +65,7 @@ def _convert(robot: Path, root: Path, files: dict[str, str]) -> dict[str, Any]:
         for mesh in spec.meshes:  # meshes of looks are often open
             mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
         _add_tool_site(spec, spec.compile())
-        spec.add_text(name=SPEEDS, data=json.dumps(_read_speeds(top)))
+        spec.add_text(name=SPEEDS, data=json.dumps(_read_speeds(top, robot)))
         spec.compile()
         text: str = spec.to_xml()
     except ValueError as error:
@@ -108,14 +108,19 @@ def _color_of(part: MeshPart) -> str | None:
     return " ".join(f"{value / 255:.3f}" for value in (*part.colors.mean(axis=0), 255.0))
 
 
-def _read_speeds(top: Element) -> dict[str, float]:
-    """Greatest speeds of the joints that state a positive one, rad/s or m/s."""
+def _read_speeds(top: Element, robot: Path) -> dict[str, float]:
+    """Greatest speeds of the joints that state a positive one, rad/s or m/s. Raises InputError: it is too slow."""
     speeds: dict[str, float] = {}
-    for joint in top.iter("joint"):
-        limit = joint.find("limit")
+    for joint in top.findall("joint"):
+        limit, name = joint.find("limit"), joint.get("name", "")
         speed = float(limit.get("velocity", "0")) if limit is not None else 0.0
+        if 0.0 < speed < SLOWEST:
+            raise InputError(
+                f"robot {robot}: joint {name!r} moves at {speed:g} rad/s or m/s at most, slower than {SLOWEST:g}",
+                "correct its velocity",
+            )
         if 0.0 < speed < np.inf:
-            speeds[joint.get("name", "")] = speed
+            speeds[name] = speed
     return speeds
 
 

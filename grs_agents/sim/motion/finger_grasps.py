@@ -363,7 +363,7 @@ def _rate_span(
     )
     along, face = points[rows, 1], min(_FACE, width / 2)
     ends = rows[along < span.low + face], rows[along > span.high - face]
-    if normals[ends[0], 1].min() > -_SLANT or normals[ends[1], 1].max() < _SLANT:
+    if normals[ends[0], 1].min(initial=0.0) > -_SLANT or normals[ends[1], 1].max(initial=0.0) < _SLANT:
         return None
     counts = [int(np.count_nonzero(normals[end].any(axis=1))) for end in ends]
     if not min(counts):

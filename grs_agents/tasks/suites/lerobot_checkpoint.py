@@ -61,7 +61,8 @@ def fit_layout(folder: Path, layout: Layout) -> Layout:
     inputs = _read_config(folder).input_features
     pictures = {name for name, source in layout.observation.items() if source.startswith(CAMERA)}
     visual = {name for name, feature in inputs.items() if feature.type == "VISUAL"}
-    if missing := [name for name in inputs if name not in layout.observation or (name in visual) != (name in pictures)]:
+    numbers = {name for name, source in layout.observation.items() if source != INSTRUCTION} - pictures
+    if missing := [name for name in inputs if name not in (pictures if name in visual else numbers)]:
         known = _list(f"{name} (picture)" if name in pictures else name for name in layout.observation) or "nothing"
         raise InputError(
             f"the policy in {folder} observes {_list(missing)}; the layout has {known}",

@@ -283,6 +283,9 @@ class EditPage:
         if self._offer is None:
             return
         edit, mask = self._offer
+        if isinstance(edit, CorrectMask) and edit.kind == "exclude" and (item := self._find_object(*edit.place)):
+            rest = self._editor.masks[item.name] & ~mask  # stays selected
+            mask = rest if rest.any() else mask
         rows, columns = np.nonzero(mask)
         middle = len(rows) // 2
         self._apply(edit, (int(columns[middle]), int(rows[middle])))

@@ -5,7 +5,7 @@ import pytest
 
 from grs_agents.perception.segmentation.rectangle_masks import Window, segment_rectangle
 from grs_agents.perception.table_finding import find_table
-from grs_agents.perception.types import Mask, TableFrame
+from grs_agents.perception.types import Mask, RGBDFrame, TableFrame
 from tests.perception.conftest import Rendered, Thing, render
 
 THINGS = (
@@ -73,6 +73,19 @@ def test_a_part_is_cut_from_the_rest_along_its_border(
     mask = segment_rectangle(clutter.frame, table, window_around(part), (), part | left)
     assert mask is not None and overlap(mask, part) > 0.95
     assert overlap((part | left) & ~mask, left) > 0.95
+
+
+def test_a_part_keeps_within_the_object_in_a_large_photo(clutter: Rendered, table: TableFrame) -> None:
+    frame, factor = clutter.frame, 3
+    fields = {name: getattr(frame.camera, name) * factor for name in ("fx", "fy", "width", "height")}
+    fields |= {name: (getattr(frame.camera, name) + 0.5) * factor - 0.5 for name in ("cx", "cy")}
+    rgb, depth = frame.rgb.repeat(factor, 0).repeat(factor, 1), frame.depth.repeat(factor, 0).repeat(factor, 1)
+    large = RGBDFrame(rgb, depth, frame.camera.model_copy(update=fields), frame.source)
+    whole = np.isin(clutter.labels, (BOX, CAN)).repeat(factor, 0).repeat(factor, 1)
+    whole &= np.indices(whole.shape)[0] % 7 > 0  # as a person's edits leave it
+    window = window_around((clutter.labels == CAN).repeat(factor, 0).repeat(factor, 1))
+    mask = segment_rectangle(large, table, window, (), whole)
+    assert mask is not None and not (mask & ~whole).any()
 
 
 def test_a_bare_table_has_no_object(clutter: Rendered, table: TableFrame) -> None:

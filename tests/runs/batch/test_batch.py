@@ -285,7 +285,7 @@ FORKED = (
     WAITING.split("waits =", maxsplit=1)[0]
     + """
 def work(state: RunState):
-    return {"status": "accepted", "reason": f"{os.getpgrp() == os.getpid()} {os.getppid()}"}
+    return {"status": "accepted", "reason": f"{os.getpgrp() == os.getpid()} {os.get_inheritable(0)} {os.getppid()}"}
 
 def build():
     graph = StateGraph(RunState, context_schema=Services)
@@ -295,7 +295,7 @@ def build():
     return graph
 """
 )
-"""A graph whose run tells the number of its parent, and whether it leads a process group."""
+"""A graph whose run tells the number of its parent, whether it leads a process group and lends its standard input."""
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere no run is forked")
@@ -308,7 +308,7 @@ def test_the_runs_of_a_batch_are_forks_of_one_process(tmp_path: Path, small_scen
     done = grs("--content", ".", *order, folder=tmp_path)
     assert done.returncode == 0, done.stderr
     reasons = {row["reason"] for row in json.loads(done.stdout)["rows"]}
-    assert len(reasons) == 1 and reasons.pop().startswith("True ")
+    assert len(reasons) == 1 and reasons.pop().startswith("True True ")
 
 
 TELLING = (

@@ -214,6 +214,12 @@ def test_what_is_no_urdf_or_leaves_its_package_is_refused(tmp_path: Path, old: s
     assert words in refused.value.message
 
 
+def test_a_joint_that_hardly_moves_is_refused(tmp_path: Path) -> None:
+    slow = _URDF.replace("cover.dae", "mast.obj").replace('velocity="50"', 'velocity="1e-7"')
+    with pytest.raises(InputError, match=r"^robot .*gantry\.urdf: joint 'y' moves at 1e-07 rad/s"):
+        get_arm(str(write_urdf(tmp_path / "gantry_support", slow)))
+
+
 def test_a_broken_mesh_is_refused_by_its_name(tmp_path: Path) -> None:
     file = write_urdf(tmp_path, _URDF.replace("cover.dae", "cover.stl"))
     (tmp_path / "meshes/cover.stl").write_bytes(b"solid nothing")

@@ -50,6 +50,9 @@ def test_observations_that_the_layout_lacks_are_named(suite_folder: Path, tmp_pa
         make_order(suite_folder, policy, PRESETS["lerobot"])
     with pytest.raises(InputError, match=r"observation\.state, .*; choose --layout lerobot"):
         make_order(suite_folder, policy, PRESETS["grs"])
+    words = Layout(observation={**PRESETS["lerobot"].observation, STATE: "instruction"})
+    with pytest.raises(InputError, match=r"observes observation\.state; "):
+        make_order(suite_folder, write_config(tmp_path / "other"), words)
 
 
 def test_pictures_of_two_sizes_are_refused(suite_folder: Path, tmp_path: Path) -> None:

@@ -230,6 +230,16 @@ def test_rectangles_in_the_photo_split_and_add_and_a_refused_act_leaves_its_mode
     assert abs(add.rectangle.left - box_around(bottle)[0]) <= 1
 
 
+def test_an_object_that_loses_a_part_stays_selected(served: Served) -> None:
+    left, top, right, bottom = box_around(served.editor.masks["bowl_1"])
+    served.do(("click", served.editor.place_of("bowl_1")), ("Mask", "Exclude"))
+    served.do(("rect-select", (left, top, (left + right) // 2, bottom)))
+    served.do(("Take this mask", True))
+    rest = served.editor.scene.objects[-1].name
+    assert served.editor.scene.edits == (f"bowl_1 loses a part and is now {rest}",)
+    assert served.handle("Name").value == rest
+
+
 def test_an_act_keeps_the_text_that_a_person_is_typing(served: Served) -> None:
     row = ("2  spaghetti_1", True)
     served.do(row)
