@@ -70,7 +70,7 @@ from grs_agents.perception.edits import (
     read_edits,
     write_edits,
 )
-from grs_agents.perception.image_geometry import pixels_in_mask, points_in_hull_mask
+from grs_agents.perception.image_geometry import mask_bounding_slices, pixels_in_mask, points_in_hull_mask
 from grs_agents.perception.matching.feature_matcher import rank_assets_per_segment
 from grs_agents.perception.matching.types import MatchRequest, Segment
 from grs_agents.perception.picture_files import load_mask, save_candidate, save_label_pictures
@@ -125,6 +125,8 @@ _OVERLAP = 0.002  # m; less is left to the settling
 _CLEARANCE = 0.0005  # m over the support at which a moved object is let go
 _NAMED = 8  # objects in an error
 _GONE = 0.5  # share of its pixels that an object loses to another, beyond which it was a piece of that
+_ADDED = 0.5  # share of an object's pixels that a person drew and that lie in a rectangle
+_ANEW = 0.5  # share of a rectangle in an object's bounding box from which it is drawn around it anew
 _LEAST_REST = 0.06  # share of an object that its border may make out
 _MEASURED_ANEW = 0.15  # beyond which the rest is another object than that measured; masks are off by less at borders
 _RANKED = 10  # assets that a person may choose from
@@ -155,6 +157,7 @@ class EditedScene:
     left_out: Mask  # (H, W) pixels of scenery and robot
     robot: Mask  # (H, W)
     blur: Mask  # (H, W) pixels beside objects that have their depth, but not their colour
+    drawn: Mask  # (H, W) pixels of objects when a person added them
     above: Mask  # (H, W) pixels that rise above the table
     removed: tuple[tuple[Mask, DroppedCandidate], ...]  # the objects that a person removed
     slugs: frozenset[str]  # names of assets that are taken
@@ -212,6 +215,7 @@ def open_edited_scene(scene: SceneDescription, frame: RGBDFrame, folder: Path) -
         table=scene.frame,
         objects=tuple(objects),
         **masks,
+        drawn=np.zeros(shape, np.bool_),
         above=raised_pixel_mask(frame, scene.frame, masks["left_out"], masks["robot"]) & ~masks["blur"],
         removed=(),
         slugs=frozenset(name for item in scene.objects for name in (item.name, Path(item.asset).stem)),
@@ -231,7 +235,7 @@ def apply_edit(scene: EditedScene, edit: Edit, services: Services) -> EditedScen
         case Add():
             mask = _require_mask(scene, edit, services)
             scene, words = _take_pixels(scene, mask, services)
-            scene = _add_object(scene, mask, services)
+            scene = replace(_add_object(scene, mask, services), drawn=scene.drawn | mask)
             line = f"{scene.objects[-1].item.name} is added{words}"
         case Merge():
             pieces = list(dict.fromkeys(scene.find(place) for place in edit.places))
@@ -353,7 +357,7 @@ def find_mask(scene: EditedScene, edit: Add | Split | CorrectMask, services: Ser
     edited = None if isinstance(edit, Add) else scene.find(edit.place)
     others = [item.mask for item in scene.objects if item is not edited]
     if edited is None:
-        return _segment_rectangle(scene, rectangle, others, None, services)
+        return _segment_rectangle(scene, rectangle, others, ~_drawn_apart(scene, rectangle), services)
     if isinstance(edit, CorrectMask) and edit.kind == "include":
         return _segment_rectangle(scene, rectangle, others, ~edited.mask, services)
     inside = rectangle.mask((rows, columns)) & edited.mask
@@ -363,6 +367,17 @@ def find_mask(scene: EditedScene, edit: Add | Split | CorrectMask, services: Ser
         )
     part = _segment_rectangle(scene, rectangle, (), edited.mask, services)
     return inside if part is None else part
+
+
+def _drawn_apart(scene: EditedScene, rectangle: Rectangle) -> Mask:
+    """(H, W) pixels of the objects in a rectangle that a person added, but for those that it is drawn around anew."""
+    inside, apart = rectangle.mask(_shape(scene)), np.zeros_like(scene.drawn)
+    for edited in scene.objects:
+        added = np.count_nonzero(edited.mask & scene.drawn & inside) > _ADDED * np.count_nonzero(edited.mask)
+        around = mask_bounding_slices(edited.mask)
+        if added and np.count_nonzero(inside[around]) < _ANEW * np.count_nonzero(inside):
+            apart |= edited.mask
+    return apart
 
 
 def _segment_rectangle(

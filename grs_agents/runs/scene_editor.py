@@ -162,7 +162,9 @@ class SceneEditor:
         if self._saved is not self.scene:
             with EventLog(self.folder / "events.jsonl") as log:
                 save_corrected_scene(self.scene, self._steps[-1], self._edits, self._services, log)
-            read_record(self.folder).model_copy(update={"edits": self.scene.edits}).write(self.folder)
+            record = read_record(self.folder)
+            counts = {**record.counts, "objects": len(self.scene.objects)}
+            record.model_copy(update={"edits": self.scene.edits, "counts": counts}).write(self.folder)
             write_hashes(self.folder)
             self._saved = self.scene
         return self.folder / FILE

@@ -132,6 +132,18 @@ def test_an_added_object_takes_the_pixels_of_others_and_says_so(editor: SceneEdi
     assert f" % of {added}, which it replaces" in editor.scene.edits[-1]
 
 
+def test_a_larger_rectangle_leaves_an_added_object_alone(editor: SceneEditor) -> None:
+    before = editor.masks
+    around = Add(rectangle=rectangle_around(before["mustard_1"] | before["raisins_1"]))
+    both = editor.preview_part(around)
+    assert both is not None and (both & before["mustard_1"]).sum() > 0.9 * before["mustard_1"].sum()
+    editor.apply(Add(rectangle=rectangle_around(before["mustard_1"])))
+    added = editor.masks[editor.scene.objects[-1].name]
+    seen = editor.preview_part(around)
+    assert seen is not None and not (seen & added).any()
+    assert (seen & before["raisins_1"]).sum() > 0.9 * before["raisins_1"].sum()
+
+
 def test_a_rectangle_gives_an_object_a_part_and_takes_it_away(editor: SceneEditor) -> None:
     before = editor.masks
     editor.apply(Merge(places=(editor.place_of("mustard_1"), editor.place_of("raisins_1"))))
@@ -279,6 +291,7 @@ def test_edits_replayed_give_the_same_scene_byte_for_byte(small_scene: Path, kno
         ):
             editor.apply(edit)
         edits, lines = str(editor.save()), editor.scene.edits
+        assert read_record(editor.folder).counts["objects"] == len(editor.scene.objects)
         files = files_of(editor.folder, editor.library)
     replay(tmp_path, "scene", str(small_scene), "--edits", edits, "--out", "again")
     assert files_of(tmp_path / "again") == files

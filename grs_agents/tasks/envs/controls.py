@@ -19,6 +19,8 @@ LARGEST_STEPS: Final[FloatArray] = np.array([0.03, 0.03, 0.03, 0.2])
 """Largest steps of the tip in a control period of ``ee_delta``: metres along x, y and z, radians about the vertical."""
 LOWEST_TIP: Final = 0.001
 """Lowest target height of the tip, metres."""
+_MISSED: Final = 2e-4
+"""Most that inverse kinematics misses an aim by, m or rad: twice its tolerance. Farther off the arm was held up."""
 _WORKSPACE: Final = ((0.1, 0.9), (-0.75, 0.75))
 """Bounds of x and y for primitives, metres."""
 _SECONDS_PER_ACTION: Final = 6.0
@@ -114,22 +116,34 @@ class EeDeltaControl(_ArmControl):
     """Steps of the tip along x, y, z and a turn about the vertical, as shares of the largest, then the hand as in
     ``JointPositionControl``.
 
-    The tool points down; the arm stays where a step is out of reach.
+    The tool points down; the arm stays where a step is out of reach. Steps add up without drift: each begins at the aim
+    of the last, which iterative kinematics meets only to its tolerance.
     """
 
     def __init__(self, arm: Arm) -> None:
         self._arm = arm
         self.low, self.high = np.full(5, -1.0), np.full(5, 1.0)
 
+    def begin(self, episode: TaskEpisode) -> None:
+        """An episode begins."""
+        super().begin(episode)
+        self._aim: FloatArray | None = None  # (4,) tip, m, and yaw, rad
+
     def apply(self, action: FloatArray) -> dict[str, object]:
         """Simulate a control period."""
         here = self._controller.reference
         tip, rotation = self._controller.tip
-        (x, y, z), (dx, dy, dz, turn) = tip.tolist(), (LARGEST_STEPS * action[:4]).tolist()
-        goal = np.array([[x + dx, y + dy, max(z + dz, LOWEST_TIP)]])
-        yaw = math.atan2(rotation[1, 0], rotation[0, 0]) + turn
-        joints = self._arm.solve_ik_tool_down(goal, np.array([yaw]), here)[0]
+        start = np.append(tip, math.atan2(rotation[1, 0], rotation[0, 0]))
+        if self._aim is not None:
+            missed = self._aim - start
+            missed[3] = math.remainder(missed[3], 2 * math.pi)
+            if np.abs(missed).max() < _MISSED:
+                start += missed
+        aim = start + LARGEST_STEPS * action[:4]
+        aim[2] = max(aim[2], LOWEST_TIP)
+        joints = self._arm.solve_ik_tool_down(aim[None, :3], aim[3:], here)[0]
         reachable = all(abs(turn) < 1.0 for turn in (joints - here).tolist())  # False for NaN
+        self._aim = aim if reachable else None
         self._controller.apply(joints if reachable else here, float(action[4]))
         return {"blocked": self._controller.blocked or not reachable}
 

@@ -1,7 +1,8 @@
 """Checkpoints of LeRobot policies: the folder ``pretrained_model`` that ``lerobot-train`` writes.
 
 Read are ``config.json``, ``model.safetensors`` and, since LeRobot 0.4, the pre- and postprocessor. Nothing is
-unpickled or downloaded, and no class is imported that a file names: processors consist of LeRobot's registered steps.
+unpickled, and no class is imported that a file names: processors consist of LeRobot's registered steps. Backbones are
+not downloaded; tokenizers of language models may be, by LeRobot, unless ``HF_HUB_OFFLINE`` is set.
 """
 
 import sys
