@@ -178,7 +178,7 @@ def _intersect(first: Window, second: Window) -> Window:
 
 
 def _intersection_over_union(first: Window, second: Window) -> float:
-    """Of two windows."""
+    """Shared area of two windows as a share of their union, 0..1."""
     shared, *areas = (int(np.prod(_sides(box))) for box in (_intersect(first, second), first, second))
     return shared / max(sum(areas) - shared, 1)
 

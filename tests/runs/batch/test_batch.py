@@ -281,11 +281,11 @@ def test_a_batch_that_is_asked_to_end_ends_its_runs_and_goes_on(
     assert json.loads(record.read_text())["attempts"] == 2
 
 
-FORKED = (
-    WAITING.split("waits =", maxsplit=1)[0]
-    + """
+def graph_that_tells(reason: str) -> str:
+    """Source of a graph of one node, which gives the value of an expression as the reason of its run."""
+    return f"""{WAITING.split("waits =", maxsplit=1)[0]}
 def work(state: RunState):
-    return {"status": "accepted", "reason": f"{os.getpgrp() == os.getpid()} {os.get_inheritable(0)} {os.getppid()}"}
+    return {{"status": "accepted", "reason": {reason}}}
 
 def build():
     graph = StateGraph(RunState, context_schema=Services)
@@ -294,7 +294,9 @@ def build():
     graph.add_edge("work", END)
     return graph
 """
-)
+
+
+FORKED = graph_that_tells('f"{os.getpgrp() == os.getpid()} {os.get_inheritable(0)} {os.getppid()}"')
 """A graph whose run tells the number of its parent, whether it leads a process group and lends its standard input."""
 
 
@@ -311,21 +313,7 @@ def test_the_runs_of_a_batch_are_forks_of_one_process(tmp_path: Path, small_scen
     assert len(reasons) == 1 and reasons.pop().startswith("True True ")
 
 
-TELLING = (
-    WAITING.split("waits =", maxsplit=1)[0]
-    + """
-def work(state: RunState):
-    names = sorted(name for name in os.environ if "GRS" in name or "KEY" in name)
-    return {"status": "accepted", "reason": " ".join(names)}
-
-def build():
-    graph = StateGraph(RunState, context_schema=Services)
-    graph.add_node("work", work)
-    graph.add_edge(START, "work")
-    graph.add_edge("work", END)
-    return graph
-"""
-)
+TELLING = graph_that_tells('" ".join(sorted(name for name in os.environ if "GRS" in name or "KEY" in name))')
 """A graph whose run tells the names of variables that it finds in its environment."""
 
 
