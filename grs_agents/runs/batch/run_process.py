@@ -115,24 +115,32 @@ class RunProcesses:
                 self._running.discard(process)
 
     def _fork_from_warm_parent(self, command: Sequence[str], errors: IO[str]) -> RunProcess:
-        if self._parent is None or self._parent[0].poll() is not None:
-            control, served = socket.socketpair(type=socket.SOCK_SEQPACKET)
-            with served:
-                warm = _start_python("grs_agents.runs.batch.warm_parent", errors=errors, stdin=served.fileno())
-            self._parent = warm, control
         ours, theirs = socket.socketpair()
         with theirs:
-            request = json.dumps(list(command)).encode()
-            socket.send_fds(self._parent[1], [request], [theirs.fileno(), errors.fileno()])
+            request, lent = [json.dumps(list(command)).encode()], [theirs.fileno(), errors.fileno()]
+            if self._parent is not None:
+                try:
+                    socket.send_fds(self._parent[1], request, lent)
+                except BrokenPipeError:  # it was killed
+                    self._close_warm_parent()
+            if self._parent is None:
+                control, served = socket.socketpair(type=socket.SOCK_SEQPACKET)
+                with served:
+                    warm = _start_python("grs_agents.runs.batch.warm_parent", errors=errors, stdin=served.fileno())
+                self._parent = warm, control
+                socket.send_fds(control, request, lent)
         return RunProcess(ours)
+
+    def _close_warm_parent(self) -> None:
+        if self._parent is not None:
+            self._parent[1].close()
+            self._parent[0].wait()
+            self._parent = None
 
     def close(self) -> None:
         """End the warm parent, when no run is left."""
         with self._lock:
-            if self._parent is not None:
-                self._parent[1].close()
-                self._parent[0].wait()
-                self._parent = None
+            self._close_warm_parent()
 
     def end(self) -> None:
         """Ask all processes to end, kill those still running, and let no new process start."""
